@@ -1,0 +1,108 @@
+//! Binds, announces, serves and drains.
+
+use std::time::Duration;
+
+use tokio::io::AsyncReadExt as _;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tonic::service::Routes;
+use tonic::transport::server::TcpIncoming;
+use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
+
+use crate::calls::CallLayer;
+use crate::config::{ServerConfig, TlsConfig};
+use crate::drain::DrainSource;
+use crate::{BoxError, reflection, run};
+
+/// Serves `routes` until a signal, then drains.
+pub(crate) async fn serve(
+    name: &'static str,
+    config: ServerConfig,
+    routes: Routes,
+    drain: DrainSource,
+    until_stdin_closes: bool,
+) -> Result<(), BoxError> {
+    let services = reflection::services_of(name)?;
+    let (health, health_service) = tonic_health::server::health_reporter();
+    for service in &services {
+        health
+            .set_service_status(service, tonic_health::ServingStatus::Serving)
+            .await;
+    }
+    let routes = reflection::mount(routes, &services)?.add_service(health_service);
+
+    let mut server = Server::builder()
+        .http2_keepalive_interval(Some(Duration::from_secs(20)))
+        .layer(CallLayer::new(
+            config.max_calls,
+            Duration::from_secs_f64(config.default_deadline_s),
+        ));
+    if let Some(tls) = &config.tls {
+        server = server.tls_config(tls_config(tls)?)?;
+    }
+    let listener = TcpListener::bind(config.listen)
+        .await
+        .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+    let address = listener.local_addr()?;
+    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
+    run::print_line(&format!(r#"{{"service":"{name}","address":"{address}"}}"#));
+    tracing::info!(service = name, %address, tls = config.tls.is_some(), "listening");
+
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let serving = server
+        .add_routes(routes)
+        .serve_with_incoming_shutdown(incoming, async {
+            stopped.await.ok();
+        });
+    let mut serving = Box::pin(serving);
+    tokio::select! {
+        outcome = &mut serving => return Ok(outcome?),
+        _ = terminate.recv() => tracing::info!("terminated: draining"),
+        _ = interrupt.recv() => tracing::info!("interrupted: draining"),
+        () = stdin_closed(until_stdin_closes) => tracing::info!("standard input closed: draining"),
+    }
+    for service in &services {
+        health
+            .set_service_status(service, tonic_health::ServingStatus::NotServing)
+            .await;
+    }
+    drain.start();
+    stop.send(()).ok();
+    tokio::select! {
+        outcome = &mut serving => Ok(outcome?),
+        () = tokio::time::sleep(Duration::from_secs_f64(config.drain_s)) => {
+            tracing::warn!(drain_s = config.drain_s, "calls still open after the drain; closing them");
+            Ok(())
+        }
+        _ = terminate.recv() => Ok(()),
+        _ = interrupt.recv() => Ok(()),
+    }
+}
+
+/// Resolves when standard input ends, or never if nobody asked.
+async fn stdin_closed(asked: bool) {
+    if !asked {
+        return std::future::pending().await;
+    }
+    let mut stdin = tokio::io::stdin();
+    let mut buffer = [0_u8; 64];
+    while stdin.read(&mut buffer).await.is_ok_and(|count| count > 0) {}
+}
+
+fn tls_config(tls: &TlsConfig) -> Result<ServerTlsConfig, BoxError> {
+    // Another provider may have been installed by an embedding process; either will do.
+    rustls::crypto::ring::default_provider()
+        .install_default()
+        .ok();
+    let read = |path: &std::path::Path| {
+        std::fs::read(path).map_err(|error| format!("server.tls: {}: {error}", path.display()))
+    };
+    let identity = Identity::from_pem(read(&tls.certificate)?, read(&tls.key)?);
+    let config = ServerTlsConfig::new().identity(identity);
+    Ok(match &tls.client_ca {
+        Some(path) => config.client_ca_root(Certificate::from_pem(read(path)?)),
+        None => config,
+    })
+}
