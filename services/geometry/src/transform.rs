@@ -25,9 +25,13 @@ impl<A: Frame, B: Frame> Rigid<A, B> {
     }
 
     /// States the frames of a bare isometry (translation in mm).
+    ///
+    /// The rotation is made unit: what comes from a matrix or a long chain is off by some 1e-9, which
+    /// an inverse kinematics that verifies its answer takes for a pose out of reach.
     pub fn from_isometry(isometry: Isometry3<f64>) -> Self {
+        let rotation = Rotation::new_normalize(isometry.rotation.into_inner());
         Self {
-            isometry,
+            isometry: Isometry3::from_parts(isometry.translation, rotation),
             frames: PhantomData,
         }
     }

@@ -1,0 +1,318 @@
+//! The command line.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use arthro_geometry::Point3;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// An arthroscopic robot system for meniscoplasty.
+///
+/// Exit codes: 0 done, 1 failed, 2 wrong command line, 3 refused, 4 service unreachable, 5 procedure
+/// aborted or interrupted, 6 demo missed a limit.
+#[derive(Debug, Parser)]
+#[command(name = "arthro", version)]
+pub struct Arguments {
+    /// Prints the result as one JSON object on the last line of standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// The gateway's address.
+    #[arg(
+        long,
+        global = true,
+        env = "ARTHRO_GATEWAY",
+        default_value = "http://127.0.0.1:50050"
+    )]
+    pub gateway: String,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Performs a whole simulated meniscoplasty and prints what truly happened.
+    Demo(Demo),
+    /// Starts the simulated cell and all services and keeps them running.
+    Up(Up),
+    /// Runs one service in the foreground.
+    Serve(Serve),
+    /// Creates and shows cases, and gives them a scene.
+    #[command(subcommand)]
+    Case(Case),
+    /// Registers a case's model to its scene.
+    Register(Register),
+    /// Plans a case's bites, or approves the plan.
+    Plan(Plan),
+    /// Starts the approved plan of a case and watches it to the end.
+    Run(Run),
+    /// Watches a procedure until it ends.
+    Watch(Watch),
+    /// Stops both arms and all drives at once.
+    Stop(Stop),
+    /// Holds a procedure before its next step.
+    Pause(ProcedureId),
+    /// Goes on after a pause.
+    Resume(ProcedureId),
+    /// Ends a procedure: retracts along the shaft and withdraws.
+    Abort(ProcedureId),
+    /// Decides what happens to an interrupted procedure.
+    Recover(Recover),
+}
+
+#[derive(Debug, Args)]
+pub struct Cell {
+    /// Surface of a meniscus (PLY); the built-in phantom if not given.
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Seed of everything random in the cell: the knee's pose, the camera's noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// How many times faster than real time the cell may run.
+    #[arg(long, default_value_t = 50.0)]
+    pub time_scale: f64,
+}
+
+#[derive(Debug, Args)]
+pub struct Demo {
+    #[command(flatten)]
+    pub cell: Cell,
+    /// Where the HTML report goes.
+    #[arg(long, value_name = "FILE", default_value = "arthro-report.html")]
+    pub report: PathBuf,
+    /// Keeps configuration, logs and journal in this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub keep: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct Up {
+    #[command(flatten)]
+    pub cell: Cell,
+    /// Where configuration, logs and journal go.
+    #[arg(long, value_name = "FOLDER", default_value = "arthro-state")]
+    pub state: PathBuf,
+    /// Free ports instead of 50050 to 50059 and free loopback addresses for the arms instead of 127.0.0.11 and .12.
+    #[arg(long)]
+    pub free_ports: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// Which service.
+    #[arg(value_enum)]
+    pub service: ServiceName,
+    /// Flags of the service; `arthro serve NAME --help` lists them.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub flags: Vec<OsString>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ServiceName {
+    Registration,
+    Planning,
+    Motion,
+    Instrument,
+    Simulator,
+    Gateway,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Case {
+    /// Creates a case from a model.
+    Create(CaseCreate),
+    /// Lists all cases, newest first.
+    List,
+    /// Shows one case.
+    Show { case: String },
+    /// Gives a case what the camera saw.
+    Scene(CaseScene),
+    /// Accepts the registration.
+    Accept {
+        case: String,
+        /// Who accepts.
+        #[arg(long)]
+        operator: String,
+    },
+}
+
+#[derive(Debug, Args)]
+pub struct CaseCreate {
+    /// For people to read; no patient's name.
+    pub label: String,
+    /// Closed surface of the meniscus (PLY).
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Points inside the damaged tissue on a regular grid (PLY).
+    #[arg(long, value_name = "FILE")]
+    pub lesion: Option<PathBuf>,
+    /// Distance between the lesion's points, mm.
+    #[arg(long, default_value_t = 0.5)]
+    pub lesion_spacing_mm: f64,
+    #[command(flatten)]
+    pub stated: StatedSpace,
+}
+
+/// What a file does not say of itself.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct StatedSpace {
+    /// Patient axes of files that do not state them.
+    #[arg(long, value_enum, requires = "unit")]
+    pub space: Option<SpaceName>,
+    /// Length unit of files that do not state it.
+    #[arg(long, value_enum, requires = "space")]
+    pub unit: Option<UnitName>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SpaceName {
+    Lps,
+    Ras,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum UnitName {
+    Mm,
+    M,
+}
+
+#[derive(Debug, Args)]
+pub struct CaseScene {
+    pub case: String,
+    /// A cloud in the camera's frame (PLY, mm).
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "simulator",
+        required_unless_present = "simulator"
+    )]
+    pub cloud: Option<PathBuf>,
+    /// Takes a frame from the simulated camera at this address.
+    #[arg(long, value_name = "ADDRESS")]
+    pub simulator: Option<String>,
+    /// Seed of the simulated camera's noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+pub struct Register {
+    pub case: String,
+    /// Scale expected from the sensors; 0 means 1.
+    #[arg(long, default_value_t = 0.0)]
+    pub scale_prior: f64,
+    /// How far the scale may be off, as a fraction; 0 means 0.02.
+    #[arg(long, default_value_t = 0.0)]
+    pub scale_tolerance: f64,
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+pub struct Plan {
+    pub case: String,
+    /// Where the new contour leaves the free edge: x,y,z in ct, mm.
+    #[arg(long, value_parser = point, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    pub start: Option<Point3>,
+    /// Where it meets the free edge again.
+    #[arg(long, value_parser = point, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    pub goal: Option<Point3>,
+    /// Targets stay inside this box: two opposite corners, x,y,z,x,y,z in ct, mm.
+    #[arg(long = "box", value_parser = target_box, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    pub target_box: Option<(Point3, Point3)>,
+    /// Takes start, goal and box from this file (`targets.toml` of a simulated cell).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "target_box"])]
+    pub targets: Option<PathBuf>,
+    /// The rim that must be left, mm; 0 means 3.
+    #[arg(long, default_value_t = 0.0)]
+    pub rim_min_mm: f64,
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Approves the plan with this digest instead of planning.
+    #[arg(long, value_name = "DIGEST", requires = "surgeon")]
+    pub approve: Option<String>,
+    /// Who approves.
+    #[arg(long)]
+    pub surgeon: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct Run {
+    pub case: String,
+    /// Who starts.
+    #[arg(long)]
+    pub operator: String,
+    /// The digest that was approved; the case's present one if not given.
+    #[arg(long)]
+    pub digest: Option<String>,
+    /// Returns at once instead of watching.
+    #[arg(long)]
+    pub detach: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Watch {
+    /// The newest one if not given.
+    pub procedure: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct Stop {
+    /// Why, for the record.
+    #[arg(long, default_value = "stopped from the command line")]
+    pub reason: String,
+}
+
+#[derive(Debug, Args)]
+pub struct ProcedureId {
+    /// The newest one if not given.
+    pub procedure: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct Recover {
+    /// The newest one if not given.
+    pub procedure: Option<String>,
+    /// What to do after retracting along the shaft.
+    #[arg(long, value_enum)]
+    pub action: RecoveryName,
+    /// Who decides.
+    #[arg(long)]
+    pub operator: String,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RecoveryName {
+    /// Withdraw and end the procedure.
+    Withdraw,
+    /// Do the interrupted bite from its start.
+    RepeatBite,
+    /// Hold the interrupted bite as done and go on.
+    MarkDone,
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| {
+            part.trim()
+                .parse::<f64>()
+                .ok()
+                .filter(|number| number.is_finite())
+                .ok_or_else(|| format!("{part:?} is not a finite number"))
+        })
+        .collect::<Result<_, _>>()?;
+    let count = numbers.len();
+    numbers
+        .try_into()
+        .map_err(|_| format!("{count} numbers; expected {N}"))
+}
+
+fn point(text: &str) -> Result<Point3, String> {
+    numbers::<3>(text).map(Point3::from)
+}
+
+fn target_box(text: &str) -> Result<(Point3, Point3), String> {
+    let [ax, ay, az, bx, by, bz] = numbers::<6>(text)?;
+    let (a, b) = (Point3::new(ax, ay, az), Point3::new(bx, by, bz));
+    Ok((a.inf(&b), a.sup(&b)))
+}

@@ -1,0 +1,296 @@
+//! The commands, one function each.
+
+use std::path::Path;
+
+use arthro_geometry::ply::{self, Space, Stated, Unit};
+use arthro_geometry::{Cloud, Point3};
+use arthro_proto::common::v1::{Box as TargetBox, Point};
+use arthro_proto::gateway::v1::{
+    AbortProcedureRequest, ListCasesRequest, PauseProcedureRequest, PlanCaseRequest, Procedure,
+    RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, ResumeProcedureRequest,
+    StopProcedureRequest,
+};
+use serde_json::json;
+
+use crate::arguments::{
+    Arguments, Case, Command, Plan, RecoveryName, SpaceName, StatedSpace, UnitName,
+};
+use crate::cell::targets::Targets;
+use crate::exit::Failure;
+use crate::gateway::{Gateway, Model, completed, state_word};
+use crate::output::Output;
+use crate::{cell, demo, scene};
+
+/// Runs one command to its end.
+pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
+    let connect = || Gateway::connect(&arguments.gateway);
+    match arguments.command {
+        Command::Demo(demo) => Box::pin(demo::run(&demo, output)).await,
+        Command::Up(up) => Box::pin(cell::up(&up, output)).await,
+        // Started before any runtime exists; see `main`.
+        Command::Serve(_) => Ok(()),
+        Command::Case(case) => run_case(case, &mut connect().await?, output).await,
+        Command::Register(register) => {
+            let request = RegisterCaseRequest {
+                case_id: register.case,
+                scale_prior: register.scale_prior,
+                scale_tolerance: register.scale_tolerance,
+                seed: register.seed,
+            };
+            let result = connect().await?.register(request, output).await?;
+            let value = show::registration(&result);
+            output.line(show::table(&value));
+            output.result(&value);
+            Ok(())
+        }
+        Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
+        Command::Run(run) => {
+            let mut gateway = connect().await?;
+            let digest = match run.digest {
+                Some(digest) => digest,
+                None => {
+                    let case = gateway.case(&run.case).await?.case.unwrap_or_default();
+                    case.plan_digest
+                }
+            };
+            let procedure = gateway.start(&run.case, &digest, &run.operator).await?;
+            if run.detach {
+                print(&procedure, output);
+                return Ok(());
+            }
+            watch_to_the_end(&mut gateway, &procedure.procedure_id, output).await
+        }
+        Command::Watch(watch) => {
+            let mut gateway = connect().await?;
+            let id = gateway.procedure_id(watch.procedure).await?;
+            watch_to_the_end(&mut gateway, &id, output).await
+        }
+        Command::Stop(stop) => {
+            let request = StopProcedureRequest {
+                reason: stop.reason,
+            };
+            connect().await?.procedures.stop_procedure(request).await?;
+            output.line("stopped");
+            output.result(&json!({"stopped": true}));
+            Ok(())
+        }
+        Command::Pause(which) => {
+            let mut gateway = connect().await?;
+            let procedure_id = gateway.procedure_id(which.procedure).await?;
+            let request = PauseProcedureRequest { procedure_id };
+            let answer = gateway.procedures.pause_procedure(request).await?;
+            print(&answer.into_inner().procedure.unwrap_or_default(), output);
+            Ok(())
+        }
+        Command::Resume(which) => {
+            let mut gateway = connect().await?;
+            let procedure_id = gateway.procedure_id(which.procedure).await?;
+            let request = ResumeProcedureRequest { procedure_id };
+            let answer = gateway.procedures.resume_procedure(request).await?;
+            print(&answer.into_inner().procedure.unwrap_or_default(), output);
+            Ok(())
+        }
+        Command::Abort(which) => {
+            let mut gateway = connect().await?;
+            let procedure_id = gateway.procedure_id(which.procedure).await?;
+            let request = AbortProcedureRequest { procedure_id };
+            let answer = gateway.procedures.abort_procedure(request).await?;
+            print(&answer.into_inner().procedure.unwrap_or_default(), output);
+            Ok(())
+        }
+        Command::Recover(recover) => {
+            let mut gateway = connect().await?;
+            let procedure_id = gateway.procedure_id(recover.procedure).await?;
+            let action = match recover.action {
+                RecoveryName::Withdraw => RecoveryAction::Withdraw,
+                RecoveryName::RepeatBite => RecoveryAction::RepeatBite,
+                RecoveryName::MarkDone => RecoveryAction::MarkDone,
+            };
+            let request = RecoverProcedureRequest {
+                procedure_id,
+                action: action.into(),
+                operator: recover.operator,
+            };
+            let answer = gateway.procedures.recover_procedure(request).await?;
+            print(&answer.into_inner().procedure.unwrap_or_default(), output);
+            Ok(())
+        }
+    }
+}
+
+async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<(), Failure> {
+    match case {
+        Case::Create(create) => {
+            let stated = stated(create.stated);
+            let mesh = ply::read_mesh(&read(&create.model)?, stated)
+                .map_err(|error| unreadable(&create.model, &error))?;
+            let lesion = match &create.lesion {
+                Some(path) => ply::read_cloud(&read(path)?, stated)
+                    .map_err(|error| unreadable(path, &error))?,
+                None => Cloud::default(),
+            };
+            let model = Model {
+                mesh: &mesh,
+                lesion: &lesion,
+                lesion_spacing_mm: create.lesion_spacing_mm,
+            };
+            let case = gateway.create_case(&create.label, &model).await?;
+            output.line(&case.case_id);
+            output.result(&show::case(&case));
+        }
+        Case::List => {
+            let listed = gateway.cases.list_cases(ListCasesRequest {}).await?;
+            let cases = listed.into_inner().cases;
+            for case in &cases {
+                output.line(format!(
+                    "{}  {:<10}  {}",
+                    case.case_id,
+                    show::case_state(case),
+                    case.label
+                ));
+            }
+            output.result(&json!({
+                "cases": cases.iter().map(show::case).collect::<Vec<_>>(),
+            }));
+        }
+        Case::Show { case } => {
+            let shown = gateway.case(&case).await?;
+            let value = json!({
+                "case": shown.case.as_ref().map(show::case),
+                "registration": shown.registration.as_ref().map(show::registration),
+                "plan": shown.plan.as_ref().map(show::plan),
+            });
+            output.line(show::table(&value));
+            output.result(&value);
+        }
+        Case::Scene(scene) => {
+            let stored = match (&scene.cloud, &scene.simulator) {
+                (Some(path), _) => {
+                    let stated = Some(Stated {
+                        space: Space::Lps,
+                        unit: Unit::Millimetre,
+                    });
+                    let cloud = ply::read_cloud(&read(path)?, stated)
+                        .map_err(|error| unreadable(path, &error))?;
+                    gateway.upload_cloud(&scene.case, &cloud).await?
+                }
+                (None, Some(address)) => {
+                    let frame = scene::capture(address, scene.seed).await?;
+                    gateway.upload_frame(&scene.case, &frame).await?
+                }
+                // The command line demands one of them.
+                (None, None) => return Ok(()),
+            };
+            output.line(format!("{} points", stored.point_count));
+            output.result(&json!({"points": stored.point_count}));
+        }
+        Case::Accept { case, operator } => {
+            let case = gateway.accept(&case, &operator).await?;
+            output.line(show::case_state(&case));
+            output.result(&show::case(&case));
+        }
+    }
+    Ok(())
+}
+
+async fn run_plan(plan: Plan, gateway: &mut Gateway, output: &Output) -> Result<(), Failure> {
+    if let (Some(digest), Some(surgeon)) = (&plan.approve, &plan.surgeon) {
+        let case = gateway.approve(&plan.case, digest, surgeon).await?;
+        output.line(show::case_state(&case));
+        output.result(&show::case(&case));
+        return Ok(());
+    }
+    let targets = match (&plan.targets, plan.start, plan.goal, plan.target_box) {
+        (Some(path), ..) => Targets::read(path)?,
+        (None, Some(start), Some(goal), Some(target_box)) => Targets {
+            start,
+            goal,
+            target_box,
+        },
+        // The command line demands all three or the file.
+        _ => return Ok(()),
+    };
+    let mut request = plan_request(&plan.case, &targets, plan.seed);
+    request.rim_min_mm = plan.rim_min_mm;
+    let result = gateway.plan(request, output).await?;
+    let case = gateway.case(&plan.case).await?.case.unwrap_or_default();
+    let mut value = show::plan(&result);
+    value["plan_digest"] = json!(case.plan_digest);
+    output.line(show::table(&value));
+    output.result(&value);
+    Ok(())
+}
+
+/// What the gateway is asked to plan.
+pub fn plan_request(case_id: &str, targets: &Targets, seed: u64) -> PlanCaseRequest {
+    PlanCaseRequest {
+        case_id: case_id.to_owned(),
+        start: Some(point(&targets.start)),
+        goal: Some(point(&targets.goal)),
+        target_box: Some(TargetBox {
+            min: Some(point(&targets.target_box.0)),
+            max: Some(point(&targets.target_box.1)),
+        }),
+        jaw: None,
+        rim_min_mm: 0.0,
+        seed,
+    }
+}
+
+async fn watch_to_the_end(
+    gateway: &mut Gateway,
+    procedure_id: &str,
+    output: &Output,
+) -> Result<(), Failure> {
+    let procedure = gateway.watch(procedure_id, output).await?;
+    print(&procedure, output);
+    completed(&procedure)
+}
+
+fn print(procedure: &Procedure, output: &Output) {
+    output.line(format!(
+        "{}  {}  {} of {} bites  {:.0} s",
+        procedure.procedure_id,
+        state_word(procedure.state()),
+        procedure.bites_done,
+        procedure.bites_planned,
+        procedure.robot_seconds
+    ));
+    output.result(&show::procedure(procedure));
+}
+
+fn point(point: &Point3) -> Point {
+    Point {
+        x_mm: point.x,
+        y_mm: point.y,
+        z_mm: point.z,
+    }
+}
+
+fn stated(given: StatedSpace) -> Option<Stated> {
+    Some(Stated {
+        space: match given.space? {
+            SpaceName::Lps => Space::Lps,
+            SpaceName::Ras => Space::Ras,
+        },
+        unit: match given.unit? {
+            UnitName::Mm => Unit::Millimetre,
+            UnitName::M => Unit::Metre,
+        },
+    })
+}
+
+/// The bytes of a file, or a failure that names it.
+pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(path).map_err(|error| {
+        Failure::refused("FILE_UNREADABLE", format!("{}: {error}", path.display()))
+    })
+}
+
+/// A file that is there but not what it should be.
+pub fn unreadable(path: &Path, error: &dyn std::error::Error) -> Failure {
+    Failure::refused("FILE_INVALID", format!("{}: {error}", path.display()))
+}
+
+/// Answers of the gateway as JSON for programs and as lines for people.
+pub mod show;

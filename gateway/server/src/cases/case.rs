@@ -1,0 +1,355 @@
+//! One case as a value: what it holds, how far it has come, and which change voids what.
+//!
+//! The chain is model + scene -> registration -> acceptance -> plan -> approval. Replacing a link
+//! drops everything behind it, so that nothing can be approved that rests on something else than
+//! what was looked at.
+
+use arthro_geometry::frame::{Camera, Ct};
+use arthro_geometry::{Point3, Similarity, Vector3};
+use bytes::Bytes;
+
+use crate::approval::{Approval, Digest};
+use crate::config::Jaw;
+use crate::error::{Error, Result};
+use crate::words::words;
+
+/// One patient's model, what the camera saw, how they fit, and which bites were approved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Chosen by the gateway.
+    pub id: String,
+    /// For people to read.
+    pub label: String,
+    /// Milliseconds since 1970-01-01 UTC.
+    pub created_at_ms: i64,
+    /// Grows with every change; a result computed for an older revision is not kept.
+    pub revision: u64,
+    /// What is known of the stored model.
+    pub model: Option<ModelInfo>,
+    /// What is known of the stored scene.
+    pub scene: Option<SceneInfo>,
+    /// The registration in force.
+    pub registration: Option<Registration>,
+    /// Who accepted the registration.
+    pub accepted_by: Option<String>,
+    /// The plan in force.
+    pub plan: Option<Plan>,
+    /// Who approved which digest.
+    pub approval: Option<Approval>,
+}
+
+/// What is known of a stored model without reading it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelInfo {
+    /// SHA-256 of mesh and lesion.
+    pub digest: Digest,
+    /// Distance between the lesion's points, mm.
+    pub lesion_spacing_mm: f64,
+}
+
+/// What is known of a stored scene without reading it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneInfo {
+    /// SHA-256 of the cloud.
+    pub digest: Digest,
+    /// Points of the cloud.
+    pub point_count: u32,
+    /// Whether each point carries a unit normal.
+    pub has_normals: bool,
+}
+
+/// The part of a registration that the gateway reads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registration {
+    /// Where the model lies in the view.
+    pub camera_from_ct: Similarity<Camera, Ct>,
+    /// The registration service's own judgement.
+    pub verdict: Verdict,
+    /// Why the verdict is not ACCEPT.
+    pub reasons: Vec<String>,
+    /// The whole result as it came, without its residuals.
+    pub encoded: Bytes,
+}
+
+words! {
+    /// Judgement of a registration.
+    Verdict {
+        /// The evidence supports the pose.
+        Accept = "ACCEPT",
+        /// A person must look before it is used.
+        Review = "REVIEW",
+        /// Not to be used.
+        Reject = "REJECT",
+    }
+}
+
+/// The part of a plan that is executed and approved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// In the order of execution, ct.
+    pub bites: Vec<Bite>,
+    /// The new free edge that the plan aims at, ct.
+    pub contour: Vec<Point3>,
+    /// The jaw that the plan was made for.
+    pub jaw: Jaw,
+    /// The whole plan as it came.
+    pub encoded: Bytes,
+}
+
+/// One bite of the jaw, ct.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bite {
+    /// Middle of the jaw.
+    pub center: Point3,
+    /// Along the shaft, out of the tip; unit.
+    pub approach: Vector3,
+    /// The direction in which the jaw opens; unit, at right angles to `approach`.
+    pub opening: Vector3,
+    /// The point of the contour that the jaw's edge meets.
+    pub contour_point: Point3,
+}
+
+words! {
+    /// How far a case has come.
+    Stage {
+        /// Model or scene is missing.
+        Created = "CREATED",
+        /// Model and scene are there.
+        Ready = "READY",
+        /// A registration waits for acceptance.
+        Registered = "REGISTERED",
+        /// The registration was accepted.
+        Accepted = "ACCEPTED",
+        /// A plan waits for approval.
+        Planned = "PLANNED",
+        /// The plan in force is approved.
+        Approved = "APPROVED",
+    }
+}
+
+impl Case {
+    /// A case that holds nothing yet.
+    pub fn new(id: String, label: String, created_at_ms: i64) -> Self {
+        Self {
+            id,
+            label,
+            created_at_ms,
+            revision: 0,
+            model: None,
+            scene: None,
+            registration: None,
+            accepted_by: None,
+            plan: None,
+            approval: None,
+        }
+    }
+
+    /// How far the case has come; `plan_digest` is the digest of the plan in force.
+    pub fn stage(&self, plan_digest: Option<Digest>) -> Stage {
+        if self.model.is_none() || self.scene.is_none() {
+            Stage::Created
+        } else if self.registration.is_none() {
+            Stage::Ready
+        } else if self.accepted_by.is_none() {
+            Stage::Registered
+        } else if self.plan.is_none() {
+            Stage::Accepted
+        } else if plan_digest.is_some_and(|digest| self.approved_as(digest)) {
+            Stage::Approved
+        } else {
+            Stage::Planned
+        }
+    }
+
+    /// Whether exactly this digest was approved and the approval still stands.
+    pub fn approved_as(&self, digest: Digest) -> bool {
+        self.approval
+            .as_ref()
+            .is_some_and(|approval| approval.digest == digest)
+    }
+
+    /// Puts another model in; voids registration, plan and approval.
+    pub fn replace_model(&mut self, model: ModelInfo) {
+        self.model = Some(model);
+        self.void_registration();
+    }
+
+    /// Puts another scene in; voids registration, plan and approval.
+    pub fn replace_scene(&mut self, scene: SceneInfo) {
+        self.scene = Some(scene);
+        self.void_registration();
+    }
+
+    /// Keeps a registration; it has to be accepted anew, and plan and approval are void.
+    pub fn register(&mut self, registration: Registration) -> Result<()> {
+        self.model_and_scene()?;
+        self.void_registration();
+        self.registration = Some(registration);
+        Ok(())
+    }
+
+    /// A person accepts the registration in force.
+    pub fn accept(&mut self, operator: String) -> Result<()> {
+        let registration = self.registration.as_ref().ok_or(Error::NotRegistered)?;
+        if registration.verdict == Verdict::Reject {
+            return Err(Error::RegistrationRejected {
+                reasons: registration.reasons.clone(),
+            });
+        }
+        self.accepted_by = Some(operator);
+        Ok(())
+    }
+
+    /// Keeps a plan, new or revised; voids the approval.
+    pub fn replace_plan(&mut self, plan: Plan) -> Result<()> {
+        self.accepted()?;
+        self.plan = Some(plan);
+        self.approval = None;
+        Ok(())
+    }
+
+    /// A surgeon approves the plan in force, whose digest is `current`, having seen `seen`.
+    pub fn approve(&mut self, surgeon: String, seen: Digest, current: Digest) -> Result<()> {
+        if self.plan.is_none() {
+            return Err(Error::NotPlanned);
+        }
+        if seen != current {
+            return Err(Error::DigestMismatch { seen, current });
+        }
+        self.approval = Some(Approval {
+            surgeon,
+            digest: current,
+        });
+        Ok(())
+    }
+
+    /// Model and scene, both of which a registration needs.
+    pub fn model_and_scene(&self) -> Result<(&ModelInfo, &SceneInfo)> {
+        match (&self.model, &self.scene) {
+            (Some(model), Some(scene)) => Ok((model, scene)),
+            (None, _) => Err(Error::CaseIncomplete { missing: "model" }),
+            (_, None) => Err(Error::CaseIncomplete { missing: "scene" }),
+        }
+    }
+
+    /// The registration, once a person accepted it.
+    pub fn accepted(&self) -> Result<&Registration> {
+        let registration = self.registration.as_ref().ok_or(Error::NotRegistered)?;
+        match self.accepted_by {
+            Some(_) => Ok(registration),
+            None => Err(Error::NotAccepted),
+        }
+    }
+
+    fn void_registration(&mut self) {
+        self.registration = None;
+        self.accepted_by = None;
+        self.plan = None;
+        self.approval = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn registration(verdict: Verdict) -> Registration {
+        Registration {
+            camera_from_ct: Similarity::identity(),
+            verdict,
+            reasons: vec!["OVERLAP_LOW".to_owned()],
+            encoded: Bytes::new(),
+        }
+    }
+
+    fn plan() -> Plan {
+        Plan {
+            bites: Vec::new(),
+            contour: Vec::new(),
+            jaw: Jaw::default(),
+            encoded: Bytes::new(),
+        }
+    }
+
+    fn digest(byte: u8) -> Digest {
+        Digest::from_bytes([byte; 32])
+    }
+
+    fn model() -> ModelInfo {
+        ModelInfo {
+            digest: digest(1),
+            lesion_spacing_mm: 0.5,
+        }
+    }
+
+    fn scene() -> SceneInfo {
+        SceneInfo {
+            digest: digest(2),
+            point_count: 3,
+            has_normals: true,
+        }
+    }
+
+    fn approved() -> Case {
+        let mut case = Case::new("c".to_owned(), "knee".to_owned(), 0);
+        case.replace_model(model());
+        case.replace_scene(scene());
+        case.register(registration(Verdict::Review)).unwrap();
+        case.accept("operator".to_owned()).unwrap();
+        case.replace_plan(plan()).unwrap();
+        case.approve("surgeon".to_owned(), digest(3), digest(3))
+            .unwrap();
+        assert_eq!(case.stage(Some(digest(3))), Stage::Approved);
+        case
+    }
+
+    #[test]
+    fn another_model_voids_everything_behind_it() {
+        let mut case = approved();
+        case.replace_model(model());
+        assert_eq!(case.stage(None), Stage::Ready);
+        assert!(case.approval.is_none() && case.plan.is_none());
+    }
+
+    #[test]
+    fn another_registration_has_to_be_accepted_anew() {
+        let mut case = approved();
+        case.register(registration(Verdict::Accept)).unwrap();
+        assert_eq!(case.stage(None), Stage::Registered);
+        assert!(matches!(case.replace_plan(plan()), Err(Error::NotAccepted)));
+    }
+
+    #[test]
+    fn a_revised_plan_is_not_approved() {
+        let mut case = approved();
+        case.replace_plan(plan()).unwrap();
+        assert_eq!(case.stage(Some(digest(3))), Stage::Planned);
+    }
+
+    #[test]
+    fn an_approval_of_another_digest_does_not_count() {
+        let case = approved();
+        assert_eq!(case.stage(Some(digest(4))), Stage::Planned);
+    }
+
+    #[test]
+    fn a_rejected_registration_is_not_accepted() {
+        let mut case = approved();
+        case.register(registration(Verdict::Reject)).unwrap();
+        assert!(matches!(
+            case.accept("operator".to_owned()),
+            Err(Error::RegistrationRejected { .. })
+        ));
+    }
+
+    #[test]
+    fn a_digest_that_was_not_seen_is_not_approved() {
+        let mut case = approved();
+        case.replace_plan(plan()).unwrap();
+        assert!(matches!(
+            case.approve("surgeon".to_owned(), digest(3), digest(4)),
+            Err(Error::DigestMismatch { .. })
+        ));
+        assert!(case.approval.is_none());
+    }
+}

@@ -1,0 +1,110 @@
+//! Where the model lies in the view, through the registration service.
+
+use arthro_proto::registration::v1 as proto;
+use arthro_proto::registration::v1::registration_service_client::RegistrationServiceClient;
+use bytes::{Bytes, BytesMut};
+use tonic::Streaming;
+use tonic::transport::Channel;
+
+use super::{COMPUTATION_DEADLINE, Failure, Peer, ask, chunks, within};
+
+const PEER: Peer = Peer::Registration;
+/// A result holds four bytes a point of the view, of which there are two million at most.
+const RESULT_MAX_BYTES: usize = 16 * 1024 * 1024;
+
+/// A client of the registration service; clones share one connection.
+#[derive(Clone, Debug)]
+pub struct Registration(RegistrationServiceClient<Channel>);
+
+/// A registration under way. Dropping it stops the computation.
+#[derive(Debug)]
+pub struct Registering(Streaming<proto::RegisterResponse>);
+
+/// A cloud that came out of a depth image.
+#[derive(Clone, Debug)]
+pub struct Deprojected {
+    /// How many points the service announced.
+    pub point_count: u32,
+    /// Whether each point carries a normal.
+    pub has_normals: bool,
+    /// Packed points.
+    pub points: Bytes,
+}
+
+impl Registration {
+    pub(super) fn new(channel: Channel) -> Self {
+        Self(RegistrationServiceClient::new(channel).max_decoding_message_size(RESULT_MAX_BYTES))
+    }
+
+    /// Starts registering `source` (ct) to `target` (camera), both packed as the options announce.
+    pub async fn register(
+        &self,
+        options: proto::RegisterOptions,
+        source: Bytes,
+        target: Bytes,
+    ) -> Result<Registering, Failure> {
+        use proto::register_request::Payload;
+        let payloads = std::iter::once(Payload::Options(options))
+            .chain(chunks(source).map(Payload::Source))
+            .chain(chunks(target).map(Payload::Target));
+        let requests = tokio_stream::iter(payloads.map(|payload| proto::RegisterRequest {
+            payload: Some(payload),
+        }));
+        let call = within(COMPUTATION_DEADLINE, requests);
+        ask(PEER, self.0.clone().register(call))
+            .await
+            .map(Registering)
+    }
+
+    /// Turns a depth image into a cloud of at most `max_bytes`.
+    pub async fn deproject(
+        &self,
+        header: proto::DepthHeader,
+        depth: Bytes,
+        mask: Bytes,
+        max_bytes: usize,
+    ) -> Result<Deprojected, Failure> {
+        use proto::deproject_depth_request::Payload;
+        use proto::deproject_depth_response::Payload as Answer;
+        let payloads = std::iter::once(Payload::Header(header))
+            .chain(chunks(depth).map(Payload::Depth))
+            .chain(chunks(mask).map(Payload::Mask));
+        let requests = tokio_stream::iter(payloads.map(|payload| proto::DeprojectDepthRequest {
+            payload: Some(payload),
+        }));
+        let call = within(COMPUTATION_DEADLINE, requests);
+        let mut answers = ask(PEER, self.0.clone().deproject_depth(call)).await?;
+        let mut header = None;
+        let mut points = BytesMut::new();
+        while let Some(answer) = answers
+            .message()
+            .await
+            .map_err(|status| Failure::answered(PEER, status))?
+        {
+            match answer.payload {
+                Some(Answer::Header(announced)) => header = Some(announced),
+                Some(Answer::Points(chunk)) => points.extend_from_slice(&chunk),
+                None => {}
+            }
+            if points.len() > max_bytes {
+                return Err(Failure::unusable(PEER, "the cloud is too large"));
+            }
+        }
+        let header = header.ok_or_else(|| Failure::unusable(PEER, "the cloud has no header"))?;
+        Ok(Deprojected {
+            point_count: header.point_count,
+            has_normals: header.has_normals,
+            points: points.freeze(),
+        })
+    }
+}
+
+impl Registering {
+    /// The next event; `None` at the end.
+    pub async fn next(&mut self) -> Result<Option<proto::RegisterResponse>, Failure> {
+        self.0
+            .message()
+            .await
+            .map_err(|status| Failure::answered(PEER, status))
+    }
+}

@@ -1,0 +1,279 @@
+//! The gateway's section of the configuration, and the checked calibration it becomes.
+
+use std::path::PathBuf;
+
+use arthro_geometry::frame::{ArthroscopeBase, Camera, ForcepsBase, Frame, Tool};
+use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
+use nalgebra::Quaternion;
+use serde::{Deserialize, Serialize};
+
+/// A quaternion's norm may differ from 1 by this much.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// Section `gateway`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// The SQLite file of cases, procedures and steps; created when absent.
+    pub journal: PathBuf,
+    /// Address of the registration service, host:port.
+    pub registration: String,
+    /// Address of the planning service, host:port.
+    pub planning: String,
+    /// Address of the motion service, host:port.
+    pub motion: String,
+    /// Address of the instrument service, host:port.
+    pub instrument: String,
+    /// How far from the middle of the bites the arthroscope's tip stays, mm.
+    pub view_distance_mm: f64,
+    /// The jaw of the forceps in use.
+    pub jaw: Jaw,
+    /// Where things are in the cell. Without it cases are registered, but nothing is planned and nothing moves:
+    /// there is no safe default for a hand-eye transform.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
+}
+
+/// The forceps' jaw.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Jaw {
+    /// Across the shaft, mm.
+    pub width_mm: f64,
+    /// Along the shaft, mm.
+    pub length_mm: f64,
+}
+
+/// Section `gateway.calibration`, as written by the site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Hand-eye: the camera in the forceps arm's base.
+    pub forceps_base_from_camera: Pose,
+    /// The arthroscope arm's base in the forceps arm's base.
+    pub forceps_base_from_arthroscope_base: Pose,
+    /// The forceps' portal, in the forceps arm's base, mm.
+    pub forceps_portal_mm: [f64; 3],
+    /// The arthroscope's portal, in the arthroscope arm's base, mm.
+    pub arthroscope_portal_mm: [f64; 3],
+    /// The forceps over the tray, in the forceps arm's base.
+    pub forceps_base_from_tool_at_tray: Pose,
+    /// Where the arthroscope's tip rests outside the body, in the arthroscope arm's base, mm.
+    pub arthroscope_rest_mm: [f64; 3],
+}
+
+/// A rigid transform as written in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pose {
+    /// Unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// mm.
+    pub translation_mm: [f64; 3],
+}
+
+/// Where things are in the cell: the checked calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// Hand-eye.
+    pub forceps_base_from_camera: Rigid<ForcepsBase, Camera>,
+    /// Between the two arms.
+    pub forceps_base_from_arthroscope_base: Rigid<ForcepsBase, ArthroscopeBase>,
+    /// In the forceps arm's base.
+    pub forceps_portal: Point3,
+    /// In the arthroscope arm's base.
+    pub arthroscope_portal: Point3,
+    /// The forceps over the tray.
+    pub forceps_base_from_tool_at_tray: Rigid<ForcepsBase, Tool>,
+    /// The arthroscope's tip at rest, in the arthroscope arm's base.
+    pub arthroscope_rest: Point3,
+    /// How far from the middle of the bites the arthroscope's tip stays, mm.
+    pub view_distance_mm: f64,
+}
+
+/// A value of the configuration that cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("gateway.{field} {problem}")]
+pub struct ConfigError {
+    field: &'static str,
+    problem: String,
+}
+
+// === impl Config ===
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            journal: PathBuf::from("arthro-gateway.sqlite"),
+            registration: "127.0.0.1:50051".to_owned(),
+            planning: "127.0.0.1:50052".to_owned(),
+            motion: "127.0.0.1:50053".to_owned(),
+            instrument: "127.0.0.1:50054".to_owned(),
+            view_distance_mm: 20.0,
+            jaw: Jaw::default(),
+            calibration: None,
+        }
+    }
+}
+
+impl Config {
+    /// Checks jaw and calibration; `None` when the cell is not calibrated.
+    pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
+        within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
+        within("jaw.length_mm", self.jaw.length_mm, 0.5, 20.0)?;
+        within("view_distance_mm", self.view_distance_mm, 1.0, 200.0)?;
+        let Some(calibration) = &self.calibration else {
+            return Ok(None);
+        };
+        Ok(Some(Cell {
+            forceps_base_from_camera: rigid(
+                "calibration.forceps_base_from_camera",
+                &calibration.forceps_base_from_camera,
+            )?,
+            forceps_base_from_arthroscope_base: rigid(
+                "calibration.forceps_base_from_arthroscope_base",
+                &calibration.forceps_base_from_arthroscope_base,
+            )?,
+            forceps_portal: point(
+                "calibration.forceps_portal_mm",
+                calibration.forceps_portal_mm,
+            )?,
+            arthroscope_portal: point(
+                "calibration.arthroscope_portal_mm",
+                calibration.arthroscope_portal_mm,
+            )?,
+            forceps_base_from_tool_at_tray: rigid(
+                "calibration.forceps_base_from_tool_at_tray",
+                &calibration.forceps_base_from_tool_at_tray,
+            )?,
+            arthroscope_rest: point(
+                "calibration.arthroscope_rest_mm",
+                calibration.arthroscope_rest_mm,
+            )?,
+            view_distance_mm: self.view_distance_mm,
+        }))
+    }
+}
+
+impl Default for Jaw {
+    fn default() -> Self {
+        Self {
+            width_mm: 3.0,
+            length_mm: 4.5,
+        }
+    }
+}
+
+fn within(field: &'static str, value: f64, lowest: f64, highest: f64) -> Result<(), ConfigError> {
+    if (lowest..=highest).contains(&value) {
+        return Ok(());
+    }
+    Err(ConfigError {
+        field,
+        problem: format!("is {value}; must be within {lowest} .. {highest}"),
+    })
+}
+
+fn point(field: &'static str, [x, y, z]: [f64; 3]) -> Result<Point3, ConfigError> {
+    if [x, y, z].iter().all(|value| value.is_finite()) {
+        return Ok(Point3::new(x, y, z));
+    }
+    Err(ConfigError {
+        field,
+        problem: format!("is {x}, {y}, {z}; must be finite"),
+    })
+}
+
+fn rigid<A: Frame, B: Frame>(field: &'static str, pose: &Pose) -> Result<Rigid<A, B>, ConfigError> {
+    let [w, x, y, z] = pose.rotation;
+    let quaternion = Quaternion::new(w, x, y, z);
+    let norm = quaternion.norm();
+    // Written so that NaN is refused too.
+    if (norm - 1.0).abs() <= UNIT_TOLERANCE {
+        let translation = point(field, pose.translation_mm)?.coords;
+        return Ok(Rigid::new(
+            Rotation::from_quaternion(quaternion),
+            translation,
+        ));
+    }
+    Err(ConfigError {
+        field,
+        problem: format!("has a rotation of norm {norm}; must be 1 within {UNIT_TOLERANCE}"),
+    })
+}
+
+impl Pose {
+    /// The pose of a transform, as it is written in a file.
+    pub fn of<A: Frame, B: Frame>(rigid: &Rigid<A, B>) -> Self {
+        let rotation = rigid.rotation();
+        Self {
+            rotation: [rotation.w, rotation.i, rotation.j, rotation.k],
+            translation_mm: Vector3::into(rigid.translation_mm()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibration() -> Calibration {
+        let pose = Pose {
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            translation_mm: [0.0; 3],
+        };
+        Calibration {
+            forceps_base_from_camera: pose,
+            forceps_base_from_arthroscope_base: pose,
+            forceps_portal_mm: [700.0, 0.0, 250.0],
+            arthroscope_portal_mm: [0.0; 3],
+            forceps_base_from_tool_at_tray: pose,
+            arthroscope_rest_mm: [0.0; 3],
+        }
+    }
+
+    fn problem(config: &Config) -> String {
+        config.cell().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_non_unit_hand_eye_rotation_is_refused() {
+        let mut calibration = calibration();
+        calibration.forceps_base_from_camera.rotation = [1.0, 0.1, 0.0, 0.0];
+        let config = Config {
+            calibration: Some(calibration),
+            ..Config::default()
+        };
+        assert!(
+            problem(&config).contains("forceps_base_from_camera has a rotation of norm 1.00498")
+        );
+    }
+
+    #[test]
+    fn a_portal_that_is_not_a_number_is_refused() {
+        let mut calibration = calibration();
+        calibration.forceps_portal_mm[1] = f64::NAN;
+        let config = Config {
+            calibration: Some(calibration),
+            ..Config::default()
+        };
+        assert!(problem(&config).contains("forceps_portal_mm is 700, NaN, 250; must be finite"));
+    }
+
+    #[test]
+    fn a_jaw_in_metres_is_refused() {
+        let config = Config {
+            jaw: Jaw {
+                width_mm: 0.003,
+                length_mm: 0.0045,
+            },
+            ..Config::default()
+        };
+        assert!(problem(&config).contains("jaw.width_mm is 0.003; must be within 0.5 .. 10"));
+    }
+
+    #[test]
+    fn without_calibration_there_is_no_cell() {
+        assert_eq!(Config::default().cell(), Ok(None));
+    }
+}

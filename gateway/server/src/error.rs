@@ -1,0 +1,281 @@
+//! Everything the gateway refuses or fails with, and the one table that maps it to a status.
+
+use arthro_bootstrap::status;
+use tonic::Status;
+
+use crate::approval::Digest;
+use crate::clients::Failure;
+use crate::journal::JournalError;
+use crate::procedure::State;
+use crate::procedure::poses::PoseError;
+
+/// The gateway's result.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// One field of a request that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// The field's path in the request.
+    pub field: String,
+    /// Value and limit.
+    pub description: String,
+}
+
+impl Violation {
+    /// States which field, and its value and limit.
+    pub fn new(field: impl Into<String>, description: impl Into<String>) -> Self {
+        Self {
+            field: field.into(),
+            description: description.into(),
+        }
+    }
+}
+
+/// What the gateway refuses or fails with.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The request itself cannot be used.
+    #[error("{}", describe(.0))]
+    Invalid(Vec<Violation>),
+    /// No such case.
+    #[error("no case has the id {0:?}")]
+    UnknownCase(String),
+    /// No such procedure.
+    #[error("no procedure has the id {0:?}")]
+    UnknownProcedure(String),
+    /// As many uploads as the gateway takes are under way.
+    #[error("{limit} uploads are under way, which is the limit; try again")]
+    TooManyUploads {
+        /// Uploads at the same time.
+        limit: usize,
+    },
+    /// Model or scene is missing.
+    #[error("the case has no {missing} yet")]
+    CaseIncomplete {
+        /// What is missing.
+        missing: &'static str,
+    },
+    /// The case was changed while the result was computed.
+    #[error("the case was changed meanwhile; the result was not kept")]
+    CaseChanged,
+    /// There is no registration.
+    #[error("the case is not registered")]
+    NotRegistered,
+    /// The registration's verdict is REJECT.
+    #[error("the registration's verdict is REJECT: {}", reasons.join(", "))]
+    RegistrationRejected {
+        /// Why, in the registration service's words.
+        reasons: Vec<String>,
+    },
+    /// Nobody accepted the registration.
+    #[error("the registration was not accepted by a person")]
+    NotAccepted,
+    /// There is no plan.
+    #[error("the case has no plan")]
+    NotPlanned,
+    /// The configuration holds no calibration.
+    #[error("the cell is not calibrated: section gateway.calibration is missing")]
+    NotCalibrated,
+    /// The plan in force is not the one that was seen.
+    #[error("the plan in force has the digest {current}, not {seen}")]
+    DigestMismatch {
+        /// What the surgeon saw.
+        seen: Digest,
+        /// What is in force.
+        current: Digest,
+    },
+    /// Nobody approved the plan.
+    #[error("the plan {digest} is not approved")]
+    NotApproved {
+        /// The plan in force.
+        digest: Digest,
+    },
+    /// The plan, registration, calibration or model changed since the approval.
+    #[error("the approval of {approved} is void: {current} is in force")]
+    ApprovalVoid {
+        /// What shall be executed.
+        approved: Digest,
+        /// What is in force; "none" when there is none.
+        current: String,
+    },
+    /// One procedure at a time.
+    #[error("procedure {procedure_id} is {state}")]
+    ProcedureActive {
+        /// The one that is active.
+        procedure_id: String,
+        /// Where it stands.
+        state: State,
+    },
+    /// The request does not fit the procedure's state.
+    #[error("procedure {procedure_id} is {state}; it must be {needed}")]
+    WrongState {
+        /// Which one.
+        procedure_id: String,
+        /// Where it stands.
+        state: State,
+        /// Where it would have to stand.
+        needed: &'static str,
+    },
+    /// There is no bite to hold as done.
+    #[error("procedure {procedure_id} was not interrupted in a bite; choose another action")]
+    NoBiteInterrupted {
+        /// Which one.
+        procedure_id: String,
+    },
+    /// A bite cannot be reached through the portal.
+    #[error("bite {bite} of the plan cannot be reached: {detail}")]
+    UnreachableBite {
+        /// Index in the plan, from 0.
+        bite: usize,
+        /// The motion service's word.
+        check: String,
+        /// With value and limit.
+        detail: String,
+    },
+    /// The arthroscope cannot reach its view.
+    #[error("the arthroscope cannot reach its view: {detail}")]
+    UnreachableView {
+        /// The motion service's word.
+        check: String,
+        /// With value and limit.
+        detail: String,
+    },
+    /// The plan cannot be carried into the cell.
+    #[error("the plan cannot be executed")]
+    Poses(#[from] PoseError),
+    /// A service that the gateway calls refused, failed or is away.
+    #[error(transparent)]
+    Downstream(#[from] Failure),
+    /// The journal cannot be read or written.
+    #[error("the journal failed")]
+    Journal(#[from] JournalError),
+}
+
+impl Error {
+    /// A single violation.
+    pub fn invalid(field: impl Into<String>, description: impl Into<String>) -> Self {
+        Self::Invalid(vec![Violation::new(field, description)])
+    }
+
+    /// The stable word of a refusal.
+    pub fn reason(&self) -> &str {
+        match self {
+            Self::Invalid(_) => "INVALID_ARGUMENT",
+            Self::UnknownCase(_) => "UNKNOWN_CASE",
+            Self::UnknownProcedure(_) => "UNKNOWN_PROCEDURE",
+            Self::TooManyUploads { .. } => "TOO_MANY_UPLOADS",
+            Self::CaseIncomplete { .. } => "CASE_INCOMPLETE",
+            Self::CaseChanged => "CASE_CHANGED",
+            Self::NotRegistered => "NOT_REGISTERED",
+            Self::RegistrationRejected { .. } => "REGISTRATION_REJECTED",
+            Self::NotAccepted => "REGISTRATION_NOT_ACCEPTED",
+            Self::NotPlanned => "NOT_PLANNED",
+            Self::NotCalibrated => "NOT_CALIBRATED",
+            Self::DigestMismatch { .. } => "DIGEST_MISMATCH",
+            Self::NotApproved { .. } => "NOT_APPROVED",
+            Self::ApprovalVoid { .. } => "APPROVAL_VOID",
+            Self::ProcedureActive { .. } => "PROCEDURE_ACTIVE",
+            Self::WrongState { .. } => "PROCEDURE_STATE",
+            Self::NoBiteInterrupted { .. } => "NO_BITE_INTERRUPTED",
+            Self::UnreachableBite { .. } => "UNREACHABLE_BITE",
+            Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
+            Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
+            Self::Downstream(failure) => failure.reason(),
+            Self::Journal(_) => "JOURNAL_FAILED",
+        }
+    }
+
+    /// What the reason's metadata says beside the message.
+    fn metadata(&self) -> Vec<(&'static str, String)> {
+        match self {
+            Self::UnknownCase(id) => vec![("case_id", id.clone())],
+            Self::UnknownProcedure(id) => vec![("procedure_id", id.clone())],
+            Self::TooManyUploads { limit } => vec![("limit", limit.to_string())],
+            Self::CaseIncomplete { missing } => vec![("missing", (*missing).to_owned())],
+            Self::RegistrationRejected { reasons } => vec![("reasons", reasons.join(","))],
+            Self::DigestMismatch { seen, current } => {
+                vec![("seen", seen.to_string()), ("current", current.to_string())]
+            }
+            Self::NotApproved { digest } => vec![("plan_digest", digest.to_string())],
+            Self::ApprovalVoid { approved, current } => vec![
+                ("approved", approved.to_string()),
+                ("current", current.clone()),
+            ],
+            Self::ProcedureActive {
+                procedure_id,
+                state,
+            } => vec![
+                ("procedure_id", procedure_id.clone()),
+                ("state", state.to_string()),
+            ],
+            Self::WrongState {
+                procedure_id,
+                state,
+                needed,
+            } => vec![
+                ("procedure_id", procedure_id.clone()),
+                ("state", state.to_string()),
+                ("needed", (*needed).to_owned()),
+            ],
+            Self::NoBiteInterrupted { procedure_id } => {
+                vec![("procedure_id", procedure_id.clone())]
+            }
+            Self::UnreachableBite {
+                bite,
+                check,
+                detail,
+            } => vec![
+                ("bite", bite.to_string()),
+                ("check", check.clone()),
+                ("detail", detail.clone()),
+            ],
+            Self::UnreachableView { check, detail } => {
+                vec![("check", check.clone()), ("detail", detail.clone())]
+            }
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// The table: which error is which status.
+impl From<Error> for Status {
+    fn from(error: Error) -> Self {
+        let message = chain(&error);
+        let metadata = error.metadata();
+        match error {
+            Error::Invalid(violations) => status::invalid_all(
+                violations
+                    .into_iter()
+                    .map(|violation| (violation.field, violation.description))
+                    .collect(),
+            ),
+            Error::UnknownCase(_) | Error::UnknownProcedure(_) => {
+                status::not_found(error.reason(), message, &metadata)
+            }
+            Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
+            Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
+            Error::Journal(_) => status::unavailable(error.reason(), message, &metadata),
+            Error::Downstream(failure) => failure.into_status(),
+            _ => status::refused(error.reason(), message, &metadata),
+        }
+    }
+}
+
+/// The error and its causes in one line.
+pub fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text = format!("{text}: {cause}");
+        source = cause.source();
+    }
+    text
+}
+
+fn describe(violations: &[Violation]) -> String {
+    violations
+        .iter()
+        .map(|violation| format!("{}: {}", violation.field, violation.description))
+        .collect::<Vec<_>>()
+        .join("; ")
+}

@@ -1,0 +1,113 @@
+//! What survives a crash: cases, procedures, and every step before and after it is commanded.
+//!
+//! [`Journal`] is the contract that the sequencer builds on: when a method returns `Ok`, what it
+//! wrote is on the disk, whole; when it returns an error or never returns, the caller acts as if
+//! nothing were written. So a step's intention that was not returned `Ok` is never commanded.
+
+pub mod sqlite;
+
+use std::path::PathBuf;
+
+use bytes::Bytes;
+
+use crate::cases::case::Case;
+use crate::procedure::Procedure;
+use crate::procedure::steps::{BiteOutcome, Step};
+use crate::words::words;
+
+/// The durable store of the gateway.
+#[tonic::async_trait]
+pub trait Journal: Send + Sync + 'static {
+    /// Writes a new case.
+    async fn create_case(&self, case: &Case) -> Result<(), JournalError>;
+    /// Replaces a case and the given blobs together; the other blobs stay.
+    async fn save_case(&self, case: &Case, blobs: &[(Blob, Bytes)]) -> Result<(), JournalError>;
+    /// One case without its blobs.
+    async fn case(&self, case_id: &str) -> Result<Option<Case>, JournalError>;
+    /// All cases without their blobs, newest first.
+    async fn cases(&self) -> Result<Vec<Case>, JournalError>;
+    /// One blob of a case; empty if it was never written.
+    async fn blob(&self, case_id: &str, blob: Blob) -> Result<Bytes, JournalError>;
+
+    /// Writes a new procedure; fails while another one is open.
+    async fn create_procedure(&self, procedure: &Procedure) -> Result<(), JournalError>;
+    /// Replaces a procedure's row.
+    async fn save_procedure(&self, procedure: &Procedure) -> Result<(), JournalError>;
+    /// One procedure with its latest step.
+    async fn procedure(&self, procedure_id: &str) -> Result<Option<Procedure>, JournalError>;
+    /// All procedures with their latest steps, newest first.
+    async fn procedures(&self) -> Result<Vec<Procedure>, JournalError>;
+
+    /// Writes that a step is about to be commanded.
+    async fn intend(&self, procedure_id: &str, step: &Step) -> Result<(), JournalError>;
+    /// Writes a step's end, what the jaw did in it, and where the procedure then stands, all together.
+    async fn end_step(
+        &self,
+        procedure: &Procedure,
+        step: &Step,
+        outcome: Option<&BiteOutcome>,
+    ) -> Result<(), JournalError>;
+    /// All steps of a procedure in order.
+    async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError>;
+    /// What the jaw did, in order.
+    async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError>;
+}
+
+words! {
+    /// The large parts of a case.
+    Blob {
+        /// Packed vertices of the model.
+        Vertices = "VERTICES",
+        /// Packed triangles of the model.
+        Triangles = "TRIANGLES",
+        /// Packed points of the damaged tissue.
+        Lesion = "LESION",
+        /// Packed points of the view.
+        Scene = "SCENE",
+        /// Residual of each point of the view, as the registration service sent them.
+        Residuals = "RESIDUALS",
+    }
+}
+
+/// Why the journal cannot be opened, read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// Another gateway has it.
+    #[error("journal {path} is in use by another gateway")]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file or its folder cannot be written.
+    #[error("journal {path} cannot be written")]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file is no journal of this gateway, or damaged.
+    #[error("journal {path} cannot be opened: {problem}")]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// What the database says.
+        problem: String,
+    },
+    /// A read or write failed.
+    #[error("the database failed")]
+    Database(#[from] sqlx::Error),
+    /// A row holds what this gateway never wrote.
+    #[error("{table}.{column} of {id} is damaged: {value:?}")]
+    Damaged {
+        /// The table.
+        table: &'static str,
+        /// The column.
+        column: &'static str,
+        /// The row's key.
+        id: String,
+        /// What stands there.
+        value: String,
+    },
+}

@@ -1,0 +1,205 @@
+//! The two decisions that set arms in motion: to start an approved plan, and to recover what was
+//! interrupted. Both check everything first, take command, write, and only then hand over.
+
+use tokio::sync::watch;
+use uuid::Uuid;
+
+use super::Procedures;
+use crate::approval::Digest;
+use crate::clients::motion::Arm;
+use crate::error::{Error, Result};
+use crate::procedure::lease::{Command, WhenHeld};
+use crate::procedure::perform::Performer;
+use crate::procedure::poses::Poses;
+use crate::procedure::recovery::{self, Action};
+use crate::procedure::steps::{self, StepState};
+use crate::procedure::{Procedure, State};
+use crate::wall_clock::now_ms;
+
+impl Procedures {
+    pub(super) async fn decide_start(
+        &self,
+        case_id: String,
+        digest: Digest,
+        operator: String,
+    ) -> Result<Procedure> {
+        let stops_before = self.stops();
+        let _deciding = self.0.deciding.lock().await;
+        if let Some(open) = self.latest().filter(|open| !open.state.is_over()) {
+            return Err(Error::ProcedureActive {
+                procedure_id: open.id,
+                state: open.state,
+            });
+        }
+        let approved = self.0.cases.approved(&case_id, digest).await?;
+        let poses = Poses::of(&approved.plan, &approved.registration, &approved.cell)?;
+        self.check_reach(&poses).await?;
+
+        let procedure = Procedure {
+            id: Uuid::now_v7().to_string(),
+            case_id,
+            operator,
+            state: State::Running,
+            plan_digest: digest,
+            bites_planned: approved.plan.bites.len() as u32,
+            next_bite: 0,
+            bites_done: 0,
+            step: None,
+            reason: String::new(),
+            detail: String::new(),
+            started_at_ms: now_ms(),
+            ended_at_ms: None,
+            robot_seconds: 0.0,
+            rcm_deviation_max_mm: 0.0,
+        };
+        let clients = self.0.clients.clone();
+        let command =
+            Command::acquire(clients.clone(), &holder(&procedure), WhenHeld::Refuse).await?;
+        let performer = Performer::new(clients, command, &approved)?;
+        if let Err(error) = self.0.journal.create_procedure(&procedure).await {
+            performer.release().await;
+            return Err(error.into());
+        }
+        let steps = steps::from_bite(0, procedure.bites_planned);
+        let published = watch::Sender::new(procedure.clone());
+        self.launch(
+            stops_before,
+            procedure.clone(),
+            steps,
+            performer,
+            published,
+            State::Completed,
+        );
+        Ok(procedure)
+    }
+
+    /// Refuses a plan of which any target cannot be reached, before anything moves.
+    async fn check_reach(&self, poses: &Poses) -> Result<()> {
+        let motion = &self.0.clients.motion;
+        let targets: Vec<_> = poses.bites.iter().map(|bite| bite.center).collect();
+        let portal = &poses.forceps.portal;
+        let checks = motion.check(Arm::Forceps, &targets, portal).await?;
+        let unreachable = checks
+            .into_iter()
+            .enumerate()
+            .find(|(_, check)| !check.reachable);
+        if let Some((bite, check)) = unreachable {
+            return Err(Error::UnreachableBite {
+                bite,
+                check: check.reason,
+                detail: check.detail,
+            });
+        }
+        let portal = &poses.arthroscope.portal;
+        let view = [poses.view_tip()];
+        let checks = motion.check(Arm::Arthroscope, &view, portal).await?;
+        match checks.into_iter().find(|check| !check.reachable) {
+            None => Ok(()),
+            Some(check) => Err(Error::UnreachableView {
+                check: check.reason,
+                detail: check.detail,
+            }),
+        }
+    }
+
+    pub(super) async fn decide_recovery(
+        &self,
+        procedure_id: String,
+        action: Action,
+        operator: String,
+    ) -> Result<Procedure> {
+        let stops_before = self.stops();
+        let _deciding = self.0.deciding.lock().await;
+        let mut procedure = self
+            .in_state(&procedure_id, "INTERRUPTED", |state| {
+                state == State::Interrupted
+            })
+            .await?;
+        let journal = self.0.journal.steps(&procedure_id).await?;
+        let recovery = recovery::decide(
+            action,
+            &journal,
+            procedure.next_bite,
+            procedure.bites_done,
+            procedure.bites_planned,
+        )
+        .ok_or(Error::NoBiteInterrupted { procedure_id })?;
+        // Whoever goes on biting needs the approval as it was; drawing back needs none.
+        let approved = match action {
+            Action::Withdraw => None,
+            Action::RepeatBite | Action::MarkDone => Some(
+                self.0
+                    .cases
+                    .approved(&procedure.case_id, procedure.plan_digest)
+                    .await?,
+            ),
+        };
+        let cell = self.0.cases.cell()?.clone();
+
+        let clients = self.0.clients.clone();
+        let holder = holder(&procedure);
+        let command = Command::acquire(clients.clone(), &holder, WhenHeld::WaitOneTtl).await?;
+        let performer = match &approved {
+            Some(approved) => Performer::new(clients, command, approved)?,
+            None => Performer::for_retreat(clients, command, cell),
+        };
+
+        let all_done = recovery.bites_done == procedure.bites_planned;
+        let (state, end) = match action {
+            Action::Withdraw if all_done => (State::Aborting, State::Completed),
+            Action::Withdraw => (State::Aborting, State::Aborted),
+            Action::RepeatBite | Action::MarkDone => (State::Running, State::Completed),
+        };
+        procedure.state = state;
+        procedure.next_bite = recovery.next_bite;
+        procedure.bites_done = recovery.bites_done;
+        procedure.reason.clear();
+        procedure.detail = format!("{action} by {operator}");
+        if let Err(error) = self.write_decision(&mut procedure, action, &operator).await {
+            performer.release().await;
+            return Err(error);
+        }
+        let published = self
+            .publisher()
+            .unwrap_or_else(|| watch::Sender::new(procedure.clone()));
+        published.send_replace(procedure.clone());
+        self.launch(
+            stops_before,
+            procedure.clone(),
+            recovery.steps,
+            performer,
+            published,
+            end,
+        );
+        Ok(procedure)
+    }
+
+    /// Writes the operator's decision. A bite in doubt is resolved by it, except by a withdrawal: then nobody has said
+    /// whether the tissue is gone.
+    async fn write_decision(
+        &self,
+        procedure: &mut Procedure,
+        action: Action,
+        operator: &str,
+    ) -> Result<()> {
+        let journal = &self.0.journal;
+        let decided = procedure
+            .step
+            .as_mut()
+            .filter(|step| recovery::in_doubt(step) && action != Action::Withdraw)
+            .map(|step| {
+                step.state = StepState::Resolved;
+                step.detail = format!("{action} by {operator}; was in doubt: {}", step.detail);
+                step.clone()
+            });
+        match decided {
+            Some(step) => journal.end_step(procedure, &step, None).await?,
+            None => journal.save_procedure(procedure).await?,
+        }
+        Ok(())
+    }
+}
+
+fn holder(procedure: &Procedure) -> String {
+    format!("gateway, procedure {}", procedure.id)
+}

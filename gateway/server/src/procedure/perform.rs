@@ -1,0 +1,405 @@
+//! What each step commands: a few commands to the arms and drives, each confirmed before the next.
+
+use std::sync::Arc;
+
+use arthro_geometry::Point3;
+
+use crate::cases::Approved;
+use crate::clients::motion::{Arm, ArmState, Move, MoveProgress};
+use crate::clients::{Acted, Clients, Failure};
+use crate::config::Cell;
+use crate::procedure::lease::Command;
+use crate::procedure::poses::{self, BitePose, OUTSIDE_DEPTH_MM, PoseError, Poses};
+use crate::procedure::steps::{BiteOutcome, Kind, Planned};
+
+/// The arms and drives under the gateway's command, and where they shall go.
+pub struct Performer {
+    clients: Clients,
+    command: Command,
+    cell: Arc<Cell>,
+    /// Unset when only a retreat is left.
+    poses: Option<Poses>,
+}
+
+/// What a step did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Performed {
+    /// For a person.
+    pub detail: String,
+    /// What the jaw did.
+    pub outcome: Option<BiteOutcome>,
+}
+
+/// Why a step did not end as intended.
+#[derive(Debug, thiserror::Error)]
+pub enum StepError {
+    /// A service refused, failed or is away.
+    #[error(transparent)]
+    Failure(#[from] Failure),
+    /// The jaw cannot open along the bite.
+    #[error(
+        "no forceps rotation within {lowest_deg} .. {highest_deg} deg opens the jaw along bite {bite}"
+    )]
+    JawAngle {
+        /// Which bite.
+        bite: u32,
+        /// The axis' travel.
+        lowest_deg: f64,
+        /// The axis' travel.
+        highest_deg: f64,
+    },
+    /// The step needs the approved plan, which is not at hand.
+    #[error("the step {0} needs the approved plan")]
+    NoPlan(Kind),
+}
+
+impl StepError {
+    /// The same error, met before the step's irreversible command left.
+    fn before(self) -> Self {
+        match self {
+            Self::Failure(failure) => Self::Failure(failure.before_acting()),
+            other => other,
+        }
+    }
+
+    /// The stable word.
+    pub fn reason(&self) -> &str {
+        match self {
+            Self::Failure(failure) => failure.reason(),
+            Self::JawAngle { .. } => "JAW_ANGLE",
+            Self::NoPlan(_) => "NO_PLAN",
+        }
+    }
+
+    /// Whether tissue may have been removed if this was a bite.
+    pub fn acted(&self) -> Acted {
+        match self {
+            Self::Failure(failure) => failure.acted(),
+            Self::JawAngle { .. } | Self::NoPlan(_) => Acted::No,
+        }
+    }
+}
+
+/// Counts the commands of one step: each needs an id of its own, derived from the step's.
+struct Ids<'a> {
+    step: &'a str,
+    used: u32,
+}
+
+impl Ids<'_> {
+    /// The step's own id first, so that a step of one command has one id.
+    fn next(&mut self) -> String {
+        let id = match self.used {
+            0 => self.step.to_owned(),
+            used => format!("{}.{used}", self.step),
+        };
+        self.used += 1;
+        id
+    }
+}
+
+impl Performer {
+    /// For an approved plan.
+    pub fn new(clients: Clients, command: Command, approved: &Approved) -> Result<Self, PoseError> {
+        let poses = Poses::of(&approved.plan, &approved.registration, &approved.cell)?;
+        Ok(Self {
+            clients,
+            command,
+            cell: approved.cell.clone(),
+            poses: Some(poses),
+        })
+    }
+
+    /// For a retreat, which needs no plan.
+    pub fn for_retreat(clients: Clients, command: Command, cell: Arc<Cell>) -> Self {
+        Self {
+            clients,
+            command,
+            cell,
+            poses: None,
+        }
+    }
+
+    /// The leases under which everything is commanded.
+    pub fn command(&self) -> &Command {
+        &self.command
+    }
+
+    /// Gives the leases back.
+    pub async fn release(self) {
+        self.command.release().await;
+    }
+
+    /// Performs one step; `watch` hears of every move under way.
+    pub async fn perform(
+        &self,
+        planned: Planned,
+        operation_id: &str,
+        watch: &mut (dyn FnMut(Arm, MoveProgress) + Send),
+    ) -> Result<Performed, StepError> {
+        let mut step = Performing {
+            performer: self,
+            ids: Ids {
+                step: operation_id,
+                used: 0,
+            },
+            watch,
+        };
+        match planned.kind {
+            Kind::Prepare => step.prepare().await,
+            Kind::Approach => step.approach().await,
+            Kind::Pivot => step.pivot(planned).await,
+            Kind::Insert => step.insert(planned).await,
+            Kind::Bite => step.bite(planned).await,
+            Kind::Retract if planned.bite.is_none() => step.retract_both().await,
+            Kind::Retract => step.retract(Arm::Forceps).await,
+            Kind::PivotBack => step.pivot_back().await,
+            Kind::ToTray => step.carry_to_tray().await,
+            Kind::Release => step.release().await,
+            Kind::Withdraw => step.withdraw().await,
+        }
+    }
+
+    async fn measured(&self, arm: Arm) -> Result<ArmState, StepError> {
+        Ok(self.clients.motion.arms().await?.get(arm).clone())
+    }
+
+    fn poses(&self, kind: Kind) -> Result<&Poses, StepError> {
+        self.poses.as_ref().ok_or(StepError::NoPlan(kind))
+    }
+
+    fn bite_pose(&self, planned: Planned) -> Result<(u32, BitePose), StepError> {
+        let missing = || StepError::NoPlan(planned.kind);
+        let bite = planned.bite.ok_or_else(missing)?;
+        let poses = self.poses(planned.kind)?;
+        let pose = poses.bites.get(bite as usize).ok_or_else(missing)?;
+        Ok((bite, *pose))
+    }
+}
+
+/// One step under way.
+struct Performing<'a> {
+    performer: &'a Performer,
+    ids: Ids<'a>,
+    watch: &'a mut (dyn FnMut(Arm, MoveProgress) + Send),
+}
+
+impl Performing<'_> {
+    /// Drives referenced, portals stated, forceps over the tray with its jaw open, arthroscope at its view.
+    async fn prepare(&mut self) -> Result<Performed, StepError> {
+        let performer = self.performer;
+        let poses = performer.poses(Kind::Prepare)?;
+        let axes = performer.clients.instrument.axes().await?;
+        if !axes.referenced() {
+            let authorization = performer.command.of_instrument(self.ids.next());
+            performer
+                .clients
+                .instrument
+                .home(authorization, &axes)
+                .await?;
+        }
+        self.set_portal(Arm::Forceps).await?;
+        self.set_portal(Arm::Arthroscope).await?;
+
+        self.carry_to_tray().await?;
+        self.open_jaw().await?;
+
+        let entry = poses.arthroscope;
+        let at_portal = Move::Free {
+            rotation: entry.neutral,
+            tip: entry.outside_tip,
+        };
+        self.move_arm(Arm::Arthroscope, at_portal).await?;
+        let aim = poses.view_aim;
+        self.move_arm(Arm::Arthroscope, Move::Pivot { aim }).await?;
+        let depth_mm = poses.view_depth_mm;
+        self.move_arm(Arm::Arthroscope, Move::Insert { depth_mm })
+            .await?;
+        Ok(told(format!("arthroscope {depth_mm:.1} mm inside")))
+    }
+
+    async fn approach(&mut self) -> Result<Performed, StepError> {
+        let entry = self.performer.poses(Kind::Approach)?.forceps;
+        let outside = Move::Free {
+            rotation: entry.neutral,
+            tip: entry.outside_tip,
+        };
+        self.move_arm(Arm::Forceps, outside).await?;
+        Ok(Performed::default())
+    }
+
+    /// Aims the shaft, then turns the jaw from where the shaft is measured to be.
+    async fn pivot(&mut self, planned: Planned) -> Result<Performed, StepError> {
+        let performer = self.performer;
+        let (bite, pose) = performer.bite_pose(planned)?;
+        let aim = pose.center;
+        self.move_arm(Arm::Forceps, Move::Pivot { aim }).await?;
+
+        let measured = performer.clients.motion.arms().await?.forceps;
+        let instrument = &performer.clients.instrument;
+        let current_deg = instrument.axes().await?.forceps_rotation_deg;
+        let travel = instrument.forceps_rotation_travel_deg().await?;
+        let angle_deg =
+            poses::jaw_angle_deg(&measured.base_from_tool, &pose.opening, current_deg, travel)
+                .ok_or(StepError::JawAngle {
+                    bite,
+                    lowest_deg: travel.0,
+                    highest_deg: travel.1,
+                })?;
+        let authorization = performer.command.of_instrument(self.ids.next());
+        instrument.turn_forceps(authorization, angle_deg).await?;
+        Ok(told(format!("jaw at {angle_deg:.1} deg")))
+    }
+
+    async fn insert(&mut self, planned: Planned) -> Result<Performed, StepError> {
+        let (_, BitePose { depth_mm, .. }) = self.performer.bite_pose(planned)?;
+        self.move_arm(Arm::Forceps, Move::Insert { depth_mm })
+            .await?;
+        Ok(told(format!("tip {depth_mm:.1} mm inside")))
+    }
+
+    async fn bite(&mut self, planned: Planned) -> Result<Performed, StepError> {
+        let performer = self.performer;
+        let (bite, _) = performer.bite_pose(planned)?;
+        // The arm holds still while the jaw closes. Measured before, so that a confirmed bite cannot be lost to a
+        // question that fails after it.
+        let tip = self
+            .performer
+            .measured(Arm::Forceps)
+            .await
+            .map_err(StepError::before)?;
+        let authorization = performer.command.of_instrument(self.ids.next());
+        let bitten = performer.clients.instrument.bite(authorization).await?;
+        Ok(Performed {
+            detail: format!("{} at {:.0} mA", bitten.jaw, bitten.peak_current_ma),
+            outcome: Some(BiteOutcome {
+                bite,
+                tip: tip.base_from_tool.origin(),
+                jaw: bitten.jaw,
+                peak_current_ma: bitten.peak_current_ma,
+            }),
+        })
+    }
+
+    async fn retract(&mut self, arm: Arm) -> Result<Performed, StepError> {
+        let depth_mm = OUTSIDE_DEPTH_MM;
+        self.move_arm(arm, Move::Retract { depth_mm }).await?;
+        Ok(Performed::default())
+    }
+
+    /// Acknowledges faults and draws back whatever is inside, along its shaft.
+    async fn retract_both(&mut self) -> Result<Performed, StepError> {
+        let performer = self.performer;
+        let motion = &performer.clients.motion;
+        let arms = motion.arms().await?;
+        for arm in [Arm::Forceps, Arm::Arthroscope] {
+            if arms.get(arm).faulty {
+                let authorization = performer.command.of_motion(self.ids.next());
+                motion.recover_fault(authorization, arm).await?;
+            }
+        }
+        if performer.clients.instrument.axes().await?.faulty {
+            let authorization = performer.command.of_instrument(self.ids.next());
+            performer
+                .clients
+                .instrument
+                .recover_fault(authorization)
+                .await?;
+        }
+        // A motion service that was restarted does not know what is inside before it knows the portal.
+        for arm in [Arm::Forceps, Arm::Arthroscope] {
+            if !motion.has_portal(arm).await? {
+                self.set_portal(arm).await?;
+            }
+        }
+        let arms = motion.arms().await?;
+        let mut retracted = Vec::new();
+        for arm in [Arm::Forceps, Arm::Arthroscope] {
+            if arms.get(arm).inside {
+                self.retract(arm).await?;
+                retracted.push(arm.as_str());
+            }
+        }
+        Ok(told(match retracted.as_slice() {
+            [] => "nothing was inside".to_owned(),
+            arms => format!("retracted {}", arms.join(" and ")),
+        }))
+    }
+
+    async fn pivot_back(&mut self) -> Result<Performed, StepError> {
+        let aim = self.performer.poses(Kind::PivotBack)?.forceps.neutral_aim;
+        self.move_arm(Arm::Forceps, Move::Pivot { aim }).await?;
+        Ok(Performed::default())
+    }
+
+    async fn carry_to_tray(&mut self) -> Result<Performed, StepError> {
+        let over_tray = self.performer.cell.forceps_base_from_tool_at_tray;
+        let over_tray = Move::Free {
+            rotation: over_tray.rotation(),
+            tip: over_tray.origin(),
+        };
+        self.move_arm(Arm::Forceps, over_tray).await?;
+        Ok(Performed::default())
+    }
+
+    async fn release(&mut self) -> Result<Performed, StepError> {
+        self.open_jaw().await?;
+        Ok(Performed::default())
+    }
+
+    /// The forceps stays over the tray, where the last step left it.
+    async fn withdraw(&mut self) -> Result<Performed, StepError> {
+        let arthroscope = self.performer.measured(Arm::Arthroscope).await?;
+        if arthroscope.inside {
+            self.retract(Arm::Arthroscope).await?;
+        }
+        let tip = self.performer.cell.arthroscope_rest;
+        self.shift(Arm::Arthroscope, tip).await?;
+        Ok(Performed::default())
+    }
+
+    /// Moves the tip through free space without turning the tool, so that it needs no plan.
+    async fn shift(&mut self, arm: Arm, tip: Point3) -> Result<(), StepError> {
+        let rotation = self
+            .performer
+            .measured(arm)
+            .await?
+            .base_from_tool
+            .rotation();
+        self.move_arm(arm, Move::Free { rotation, tip }).await
+    }
+
+    async fn set_portal(&mut self, arm: Arm) -> Result<(), StepError> {
+        let performer = self.performer;
+        let portal = match arm {
+            Arm::Forceps => performer.cell.forceps_portal,
+            Arm::Arthroscope => performer.cell.arthroscope_portal,
+        };
+        let authorization = performer.command.of_motion(self.ids.next());
+        let motion = &performer.clients.motion;
+        Ok(motion.set_portal(authorization, arm, &portal).await?)
+    }
+
+    async fn open_jaw(&mut self) -> Result<(), StepError> {
+        let performer = self.performer;
+        let authorization = performer.command.of_instrument(self.ids.next());
+        Ok(performer.clients.instrument.open_jaw(authorization).await?)
+    }
+
+    async fn move_arm(&mut self, arm: Arm, motion: Move) -> Result<(), StepError> {
+        let performer = self.performer;
+        let authorization = performer.command.of_motion(self.ids.next());
+        let watch = &mut *self.watch;
+        let client = &performer.clients.motion;
+        Ok(client
+            .perform(authorization, arm, motion, |progress| watch(arm, progress))
+            .await?)
+    }
+}
+
+fn told(detail: String) -> Performed {
+    Performed {
+        detail,
+        outcome: None,
+    }
+}

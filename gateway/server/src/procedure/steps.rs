@@ -1,0 +1,226 @@
+//! The steps of a procedure as a table: what each one is, what it does to the world, and in which
+//! order they come (Fig. 10 and 11 of the paper, (a) to (h) for every bite).
+
+use arthro_geometry::Point3;
+
+use crate::words::words;
+
+words! {
+    /// What a step does.
+    Kind {
+        /// Both arms to their start, the arthroscope to its view.
+        Prepare = "PREPARE",
+        /// (a) Free move of the forceps to the portal.
+        Approach = "APPROACH",
+        /// (b) Pivot towards the bite, jaw turned to its opening direction.
+        Pivot = "PIVOT",
+        /// (c) Insert to the bite.
+        Insert = "INSERT",
+        /// (d) Close the jaw.
+        Bite = "BITE",
+        /// (e) Retract along the shaft.
+        Retract = "RETRACT",
+        /// (f) Pivot back to the neutral direction.
+        PivotBack = "PIVOT_BACK",
+        /// (g) Free move to the tray.
+        ToTray = "TO_TRAY",
+        /// (h) Open the jaw and let the tissue go.
+        Release = "RELEASE",
+        /// Both arms withdrawn.
+        Withdraw = "WITHDRAW",
+    }
+}
+
+words! {
+    /// Whether a step may be done again.
+    Effect {
+        /// Changes nothing.
+        Pure = "PURE",
+        /// May be done again after looking where the arms are.
+        Reversible = "REVERSIBLE",
+        /// Removes tissue: done at most once.
+        Irreversible = "IRREVERSIBLE",
+    }
+}
+
+words! {
+    /// Where a step stands.
+    StepState {
+        /// Written before its first command is sent.
+        Intended = "INTENDED",
+        /// Confirmed.
+        Done = "DONE",
+        /// Ended otherwise; known not to have removed tissue.
+        Failed = "FAILED",
+        /// Irreversible and of unknown outcome.
+        InDoubt = "IN_DOUBT",
+        /// Was in doubt; decided by the operator.
+        Resolved = "RESOLVED",
+    }
+}
+
+/// The cycle of one bite, (a) to (h).
+pub const CYCLE: [Kind; 8] = [
+    Kind::Approach,
+    Kind::Pivot,
+    Kind::Insert,
+    Kind::Bite,
+    Kind::Retract,
+    Kind::PivotBack,
+    Kind::ToTray,
+    Kind::Release,
+];
+
+/// Out of the body from anywhere: along the shaft first, the tissue to the tray, then both arms away.
+pub const RETREAT: [Kind; 4] = [Kind::Retract, Kind::ToTray, Kind::Release, Kind::Withdraw];
+
+impl Kind {
+    /// The effect class of each kind.
+    pub const fn effect(self) -> Effect {
+        match self {
+            Self::Bite => Effect::Irreversible,
+            Self::Prepare
+            | Self::Approach
+            | Self::Pivot
+            | Self::Insert
+            | Self::Retract
+            | Self::PivotBack
+            | Self::ToTray
+            | Self::Release
+            | Self::Withdraw => Effect::Reversible,
+        }
+    }
+}
+
+/// A step that is to come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Planned {
+    /// What it does.
+    pub kind: Kind,
+    /// Which bite it belongs to, from 0; `None` for the steps around the bites. A retract that belongs to no bite
+    /// draws back both arms wherever they are inside.
+    pub bite: Option<u32>,
+}
+
+/// Preparation, the cycles of the bites from `first` on, and the withdrawal.
+pub fn from_bite(first: u32, bites: u32) -> Vec<Planned> {
+    let mut steps = Vec::new();
+    if first < bites {
+        steps.push(around(Kind::Prepare));
+    }
+    steps.extend((first..bites).flat_map(|bite| {
+        CYCLE.map(|kind| Planned {
+            kind,
+            bite: Some(bite),
+        })
+    }));
+    steps.push(around(Kind::Withdraw));
+    steps
+}
+
+/// The retreat from anywhere.
+pub fn retreat() -> Vec<Planned> {
+    RETREAT.map(around).to_vec()
+}
+
+/// A step that belongs to no bite.
+pub const fn around(kind: Kind) -> Planned {
+    Planned { kind, bite: None }
+}
+
+/// One line of the journal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// From 1.
+    pub sequence: u32,
+    /// What it does, and for which bite.
+    pub planned: Planned,
+    /// Where it stands.
+    pub state: StepState,
+    /// Idempotency key of its commands.
+    pub operation_id: String,
+    /// Milliseconds since 1970-01-01 UTC.
+    pub intended_at_ms: i64,
+    /// Unset while it is under way.
+    pub ended_at_ms: Option<i64>,
+    /// The forceps controller's clock, s.
+    pub started_controller_s: f64,
+    /// Unset while it is under way, and when the end was not seen.
+    pub ended_controller_s: Option<f64>,
+    /// Outcome or failure, for a person.
+    pub detail: String,
+}
+
+/// What the jaw did in a BITE step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BiteOutcome {
+    /// From 0.
+    pub bite: u32,
+    /// The measured tip when the jaw had closed, forceps arm's base.
+    pub tip: Point3,
+    /// The jaw's state in the instrument service's word.
+    pub jaw: String,
+    /// Highest current seen, mA.
+    pub peak_current_ma: f64,
+}
+
+impl Step {
+    /// How a step ends that was cut off: an irreversible one is in doubt, anything else has failed.
+    pub const fn cut_off(kind: Kind) -> StepState {
+        match kind.effect() {
+            Effect::Irreversible => StepState::InDoubt,
+            Effect::Pure | Effect::Reversible => StepState::Failed,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_bite_has_its_eight_steps_between_preparation_and_withdrawal() {
+        let steps = from_bite(0, 3);
+        assert_eq!(steps.len(), 1 + 3 * 8 + 1);
+        assert_eq!(steps[0].kind, Kind::Prepare);
+        assert_eq!(
+            steps[9],
+            Planned {
+                kind: Kind::Approach,
+                bite: Some(1)
+            }
+        );
+        assert_eq!(steps[25].kind, Kind::Withdraw);
+    }
+
+    #[test]
+    fn after_the_last_bite_only_the_withdrawal_is_left() {
+        assert_eq!(from_bite(3, 3), [around(Kind::Withdraw)]);
+    }
+
+    #[test]
+    fn only_the_bite_is_irreversible() {
+        let irreversible: Vec<_> = Kind::ALL
+            .iter()
+            .filter(|kind| kind.effect() == Effect::Irreversible)
+            .collect();
+        assert_eq!(irreversible, [&Kind::Bite]);
+    }
+
+    #[test]
+    fn a_bite_that_was_cut_off_is_in_doubt() {
+        assert_eq!(Step::cut_off(Kind::Bite), StepState::InDoubt);
+        assert_eq!(Step::cut_off(Kind::Insert), StepState::Failed);
+    }
+
+    #[test]
+    fn the_retreat_begins_along_the_shaft_and_never_bites() {
+        let steps = retreat();
+        assert_eq!(steps[0], around(Kind::Retract));
+        assert!(
+            steps
+                .iter()
+                .all(|step| step.kind.effect() != Effect::Irreversible)
+        );
+    }
+}

@@ -1,0 +1,91 @@
+//! gRPC in and out: the two services of the gateway and what they share.
+
+mod case;
+mod procedure;
+
+use std::pin::Pin;
+
+use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
+use arthro_proto::gateway::v1::procedure_service_server::ProcedureServiceServer;
+use tokio_stream::Stream;
+use tonic::service::Routes;
+use tonic::{Code, Status};
+
+use crate::cases::Cases;
+use crate::clients::Clients;
+use crate::config::Jaw;
+use crate::error::{Error, Result, Violation};
+use crate::procedure::control::Procedures;
+
+/// A stream of answers.
+type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// Both services.
+pub fn routes(cases: Cases, procedures: Procedures, clients: Clients, jaw: Jaw) -> Routes {
+    Routes::new(CaseServiceServer::new(case::CaseApi::new(
+        cases, clients, jaw,
+    )))
+    .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
+        procedures,
+    )))
+}
+
+/// A text for people: not blank, no control characters, at most `longest` characters.
+fn text(field: &str, value: String, longest: usize) -> Result<String, Violation> {
+    let length = value.chars().count();
+    if value.trim().is_empty() {
+        return Err(Violation::new(
+            field,
+            format!("is empty; must have 1 to {longest} characters"),
+        ));
+    }
+    if length > longest {
+        return Err(Violation::new(
+            field,
+            format!("has {length} characters; must have 1 to {longest}"),
+        ));
+    }
+    if value.chars().any(char::is_control) {
+        return Err(Violation::new(field, "holds control characters"));
+    }
+    Ok(value)
+}
+
+/// An id that names something.
+fn id(field: &str, value: String) -> Result<String, Violation> {
+    text(field, value, 100)
+}
+
+/// Gathers all violations of a request.
+#[derive(Default)]
+struct Violations(Vec<Violation>);
+
+impl Violations {
+    /// Keeps the violation, if there is one.
+    fn check<T>(&mut self, checked: Result<T, Violation>) -> Option<T> {
+        checked.map_err(|violation| self.0.push(violation)).ok()
+    }
+
+    /// Fails if there was any.
+    fn finish(self) -> Result<()> {
+        if self.0.is_empty() {
+            return Ok(());
+        }
+        Err(Error::Invalid(self.0))
+    }
+}
+
+impl From<Violation> for Error {
+    fn from(violation: Violation) -> Self {
+        Self::Invalid(vec![violation])
+    }
+}
+
+/// Logs what the gateway itself failed at, and makes it a status.
+fn refuse(error: impl Into<Error>) -> Status {
+    let status = Status::from(error.into());
+    if matches!(status.code(), Code::Internal | Code::Unavailable) {
+        tracing::error!(code = ?status.code(), message = status.message(), "call failed");
+    }
+    status
+}

@@ -1,0 +1,463 @@
+//! `CaseService`.
+
+mod uploads;
+
+use std::sync::Arc;
+
+use arthro_proto::common::v1::Frame;
+use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::case_service_server::CaseService;
+use arthro_proto::planning::v1 as planning;
+use arthro_proto::registration::v1 as registration;
+use tokio::sync::{Semaphore, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Response, Status, Streaming};
+
+use super::procedure::digest;
+use super::{Answers, Violations, id, refuse, text};
+use crate::cases::case::{self, Case, Stage};
+use crate::cases::{Cases, surface};
+use crate::clients::Clients;
+use crate::config::Jaw;
+use crate::error::{Error, Result as DomainResult, Violation};
+use crate::journal::Blob;
+use crate::procedure::poses;
+use crate::wire;
+
+/// Uploads and computations that hold a model or a cloud in memory at the same time.
+const LARGE_CALLS_MAX: usize = 4;
+/// Events of a computation that a slow client may lag behind.
+const EVENTS_BUFFERED: usize = 64;
+/// Most bites of a plan.
+const BITES_MAX: usize = 1_000;
+/// How far a bite's approach may be from the line from the portal, as the sine of the angle.
+const APPROACH_TOLERANCE: f64 = 0.02;
+
+/// Serves the cases.
+#[derive(Clone)]
+pub(super) struct CaseApi {
+    cases: Cases,
+    clients: Clients,
+    jaw: Jaw,
+    large_calls: Arc<Semaphore>,
+}
+
+impl CaseApi {
+    pub(super) fn new(cases: Cases, clients: Clients, jaw: Jaw) -> Self {
+        Self {
+            cases,
+            clients,
+            jaw,
+            large_calls: Arc::new(Semaphore::new(LARGE_CALLS_MAX)),
+        }
+    }
+
+    fn large_call(&self) -> DomainResult<tokio::sync::OwnedSemaphorePermit> {
+        self.large_calls
+            .clone()
+            .try_acquire_owned()
+            .map_err(|_| Error::TooManyUploads {
+                limit: LARGE_CALLS_MAX,
+            })
+    }
+
+    fn message(&self, case: &Case) -> proto::Case {
+        let plan_digest = self.cases.plan_digest(case);
+        // An approval of another digest is void: a recalibrated cell voids it without touching the case.
+        let approval = case
+            .approval
+            .as_ref()
+            .filter(|approval| Some(approval.digest) == plan_digest);
+        let text = |digest: Option<crate::approval::Digest>| {
+            digest.map_or_else(String::new, |digest| digest.to_string())
+        };
+        proto::Case {
+            case_id: case.id.clone(),
+            label: case.label.clone(),
+            state: stage_message(case.stage(plan_digest)).into(),
+            created_at_ms: case.created_at_ms,
+            model_digest: text(case.model.as_ref().map(|model| model.digest)),
+            scene_digest: text(case.scene.as_ref().map(|scene| scene.digest)),
+            plan_digest: text(plan_digest),
+            approved_by: approval.map_or_else(String::new, |approval| approval.surgeon.clone()),
+            approved_digest: text(approval.map(|approval| approval.digest)),
+        }
+    }
+}
+
+#[tonic::async_trait]
+impl CaseService for CaseApi {
+    async fn create_case(
+        &self,
+        request: Request<proto::CreateCaseRequest>,
+    ) -> Result<Response<proto::CreateCaseResponse>, Status> {
+        let label = text("label", request.into_inner().label, 200).map_err(refuse)?;
+        let case = self.cases.create(label).await.map_err(refuse)?;
+        Ok(Response::new(proto::CreateCaseResponse {
+            case: Some(self.message(&case)),
+        }))
+    }
+
+    async fn list_cases(
+        &self,
+        _: Request<proto::ListCasesRequest>,
+    ) -> Result<Response<proto::ListCasesResponse>, Status> {
+        let cases = self.cases.list().await.map_err(refuse)?;
+        Ok(Response::new(proto::ListCasesResponse {
+            cases: cases.iter().map(|case| self.message(case)).collect(),
+        }))
+    }
+
+    async fn get_case(
+        &self,
+        request: Request<proto::GetCaseRequest>,
+    ) -> Result<Response<proto::GetCaseResponse>, Status> {
+        let case_id = id("case_id", request.into_inner().case_id).map_err(refuse)?;
+        Ok(Response::new(
+            self.describe(&case_id).await.map_err(refuse)?,
+        ))
+    }
+
+    async fn upload_model(
+        &self,
+        request: Request<Streaming<proto::UploadModelRequest>>,
+    ) -> Result<Response<proto::UploadModelResponse>, Status> {
+        let _permit = self.large_call().map_err(refuse)?;
+        let case = self.receive_model(request.into_inner()).await?;
+        Ok(Response::new(proto::UploadModelResponse {
+            case: Some(self.message(&case)),
+        }))
+    }
+
+    async fn upload_scene(
+        &self,
+        request: Request<Streaming<proto::UploadSceneRequest>>,
+    ) -> Result<Response<proto::UploadSceneResponse>, Status> {
+        let _permit = self.large_call().map_err(refuse)?;
+        let case = self.receive_scene(request.into_inner()).await?;
+        Ok(Response::new(proto::UploadSceneResponse {
+            point_count: case.scene.as_ref().map_or(0, |scene| scene.point_count),
+            case: Some(self.message(&case)),
+        }))
+    }
+
+    type RegisterCaseStream = Answers<proto::RegisterCaseResponse>;
+
+    async fn register_case(
+        &self,
+        request: Request<proto::RegisterCaseRequest>,
+    ) -> Result<Response<Self::RegisterCaseStream>, Status> {
+        let permit = self.large_call().map_err(refuse)?;
+        let request = request.into_inner();
+        let case_id = id("case_id", request.case_id.clone()).map_err(refuse)?;
+        let case = self.cases.get(&case_id).await.map_err(refuse)?;
+        case.model_and_scene().map_err(refuse)?;
+        let this = self.clone();
+        Ok(Response::new(streamed(move |answers| async move {
+            let _permit = permit;
+            this.register(case, request, &answers).await
+        })))
+    }
+
+    async fn accept_registration(
+        &self,
+        request: Request<proto::AcceptRegistrationRequest>,
+    ) -> Result<Response<proto::AcceptRegistrationResponse>, Status> {
+        let request = request.into_inner();
+        let case_id = id("case_id", request.case_id).map_err(refuse)?;
+        let operator = text("operator", request.operator, 100).map_err(refuse)?;
+        let case = self
+            .cases
+            .accept(&case_id, operator)
+            .await
+            .map_err(refuse)?;
+        Ok(Response::new(proto::AcceptRegistrationResponse {
+            case: Some(self.message(&case)),
+        }))
+    }
+
+    type PlanCaseStream = Answers<proto::PlanCaseResponse>;
+
+    async fn plan_case(
+        &self,
+        request: Request<proto::PlanCaseRequest>,
+    ) -> Result<Response<Self::PlanCaseStream>, Status> {
+        let permit = self.large_call().map_err(refuse)?;
+        let request = request.into_inner();
+        let jaw = self.check_plan_request(&request).map_err(refuse)?;
+        let case = self.cases.get(&request.case_id).await.map_err(refuse)?;
+        case.accepted().map_err(refuse)?;
+        self.cases.cell().map_err(refuse)?;
+        let this = self.clone();
+        Ok(Response::new(streamed(move |answers| async move {
+            let _permit = permit;
+            this.plan(case, request, jaw, &answers).await
+        })))
+    }
+
+    async fn revise_plan(
+        &self,
+        request: Request<proto::RevisePlanRequest>,
+    ) -> Result<Response<proto::RevisePlanResponse>, Status> {
+        let _permit = self.large_call().map_err(refuse)?;
+        let request = request.into_inner();
+        let (case, evaluation) = self.revise(request).await.map_err(refuse)?;
+        Ok(Response::new(proto::RevisePlanResponse {
+            case: Some(self.message(&case)),
+            evaluation: Some(evaluation),
+        }))
+    }
+
+    async fn approve_plan(
+        &self,
+        request: Request<proto::ApprovePlanRequest>,
+    ) -> Result<Response<proto::ApprovePlanResponse>, Status> {
+        let request = request.into_inner();
+        let case_id = id("case_id", request.case_id).map_err(refuse)?;
+        let seen = digest("plan_digest", &request.plan_digest).map_err(refuse)?;
+        let surgeon = text("surgeon", request.surgeon, 100).map_err(refuse)?;
+        let case = self.cases.approve(&case_id, surgeon, seen).await;
+        Ok(Response::new(proto::ApprovePlanResponse {
+            case: Some(self.message(&case.map_err(refuse)?)),
+        }))
+    }
+}
+
+impl CaseApi {
+    async fn describe(&self, case_id: &str) -> DomainResult<proto::GetCaseResponse> {
+        let case = self.cases.get(case_id).await?;
+        let registration = match &case.registration {
+            None => None,
+            Some(registration) => {
+                let mut result = decoded::<registration::RegistrationResult>(&registration.encoded);
+                result.residuals_mm = self.cases.blob(case_id, Blob::Residuals).await?;
+                Some(result)
+            }
+        };
+        Ok(proto::GetCaseResponse {
+            case: Some(self.message(&case)),
+            registration,
+            plan: case.plan.as_ref().map(|plan| decoded(&plan.encoded)),
+        })
+    }
+
+    /// Passes the events on and keeps the result before the client hears of it.
+    async fn register(
+        &self,
+        case: Case,
+        request: proto::RegisterCaseRequest,
+        answers: &mpsc::Sender<Result<proto::RegisterCaseResponse, Status>>,
+    ) -> DomainResult<()> {
+        use registration::register_response::Event;
+        let (_, scene) = case.model_and_scene()?;
+        let model = self.cases.packed_model(&case.id).await?;
+        let source = surface::sample(&surface::mesh(&model.vertices, &model.triangles));
+        let target = self.cases.blob(&case.id, Blob::Scene).await?;
+        let options = registration::RegisterOptions {
+            source: Some(wire::cloud_header(Frame::Ct, source.point_count, true)),
+            target: Some(wire::cloud_header(
+                Frame::Camera,
+                scene.point_count,
+                scene.has_normals,
+            )),
+            scale_prior: request.scale_prior,
+            scale_tolerance: request.scale_tolerance,
+            viewpoint: None,
+            seed: request.seed,
+        };
+        let mut events = self
+            .clients
+            .registration
+            .register(options, source.packed, target)
+            .await?;
+        while let Some(event) = events.next().await? {
+            if let Some(Event::Result(result)) = &event.event {
+                let residuals = result.residuals_mm.clone();
+                let registration = wire::registration(result.clone())?;
+                self.cases
+                    .keep_registration(&case.id, case.revision, registration, residuals)
+                    .await?;
+            }
+            let answer = proto::RegisterCaseResponse { event: Some(event) };
+            if answers.send(Ok(answer)).await.is_err() {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_plan_request(&self, request: &proto::PlanCaseRequest) -> DomainResult<Jaw> {
+        let mut violations = Violations::default();
+        violations.check(id("case_id", request.case_id.clone()));
+        violations.check(wire::point(request.start, "start"));
+        violations.check(wire::point(request.goal, "goal"));
+        violations.check(check_box(request.target_box.as_ref()));
+        let jaw = match request.jaw {
+            None => Some(self.jaw),
+            Some(jaw) => violations.check(wire::jaw(jaw, "jaw")),
+        };
+        if !(0.0..=20.0).contains(&request.rim_min_mm) {
+            violations.check::<()>(Err(Violation::new(
+                "rim_min_mm",
+                format!("is {} mm; must be within 0 .. 20 mm", request.rim_min_mm),
+            )));
+        }
+        violations.finish()?;
+        Ok(jaw.unwrap_or(self.jaw))
+    }
+
+    /// Carries the portal into ct, passes the events on, and keeps the plan before the client hears of it.
+    async fn plan(
+        &self,
+        case: Case,
+        request: proto::PlanCaseRequest,
+        jaw: Jaw,
+        answers: &mpsc::Sender<Result<proto::PlanCaseResponse, Status>>,
+    ) -> DomainResult<()> {
+        use planning::plan_resection_response::Event;
+        let cell = self.cases.cell()?;
+        let base_from_ct = poses::base_from_ct(case.accepted()?, cell);
+        let portal_in_ct = base_from_ct.inverse() * cell.forceps_portal;
+        let options = planning::PlanResectionOptions {
+            lesion_spacing_mm: lesion_spacing_mm(&case),
+            start: request.start,
+            goal: request.goal,
+            target_box: request.target_box,
+            portal: Some(wire::point_message(&portal_in_ct)),
+            jaw: Some(wire::jaw_message(&jaw)),
+            rim_min_mm: request.rim_min_mm,
+            seed: request.seed,
+            ..planning::PlanResectionOptions::default()
+        };
+        let model = self.cases.packed_model(&case.id).await?;
+        let mut events = self.clients.planning.plan(options, model).await?;
+        while let Some(event) = events.next().await? {
+            if let Some(Event::Plan(message)) = &event.event {
+                let plan = wire::plan(message, jaw)?;
+                self.cases.keep_plan(&case.id, case.revision, plan).await?;
+            }
+            let answer = proto::PlanCaseResponse { event: Some(event) };
+            if answers.send(Ok(answer)).await.is_err() {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    async fn revise(
+        &self,
+        request: proto::RevisePlanRequest,
+    ) -> DomainResult<(Case, planning::ResectionEvaluation)> {
+        let case_id = id("case_id", request.case_id)?;
+        let count = request.bites.len();
+        if !(1..=BITES_MAX).contains(&count) {
+            return Err(Error::invalid(
+                "bites",
+                format!("holds {count}; must hold 1 to {BITES_MAX}"),
+            ));
+        }
+        let bites = wire::bites(&request.bites)?;
+        let case = self.cases.get(&case_id).await?;
+        let plan = case.plan.as_ref().ok_or(Error::NotPlanned)?;
+        let cell = self.cases.cell()?;
+        let base_from_ct = poses::base_from_ct(case.accepted()?, cell);
+        check_approaches(&bites, &(base_from_ct.inverse() * cell.forceps_portal))?;
+
+        let mut message = decoded::<planning::ResectionPlan>(&plan.encoded);
+        let options = planning::EvaluateResectionOptions {
+            lesion_spacing_mm: lesion_spacing_mm(&case),
+            contour: message.contour.clone(),
+            bites: request.bites.clone(),
+            jaw: Some(wire::jaw_message(&plan.jaw)),
+            ..planning::EvaluateResectionOptions::default()
+        };
+        let model = self.cases.packed_model(&case_id).await?;
+        let evaluation = self.clients.planning.evaluate(options, model).await?;
+        message.bites = request.bites;
+        message.evaluation = Some(evaluation);
+        let plan = wire::plan(&message, plan.jaw)?;
+        let case = self.cases.keep_plan(&case_id, case.revision, plan).await?;
+        Ok((case, evaluation))
+    }
+}
+
+/// Runs `work` in a task of its own, which is dropped, and its computation with it, when the client goes.
+fn streamed<T, W, F>(work: W) -> Answers<T>
+where
+    T: Send + 'static,
+    W: FnOnce(mpsc::Sender<Result<T, Status>>) -> F + Send + 'static,
+    F: Future<Output = DomainResult<()>> + Send,
+{
+    let (answers, receiver) = mpsc::channel(EVENTS_BUFFERED);
+    tokio::spawn(async move {
+        let gone = answers.clone();
+        tokio::select! {
+            () = gone.closed() => {}
+            outcome = work(answers) => if let Err(error) = outcome {
+                // The client may be gone by now; then nobody is left to tell.
+                gone.send(Err(refuse(error))).await.ok();
+            }
+        }
+    });
+    Box::pin(ReceiverStream::new(receiver))
+}
+
+/// What was read from the journal has been decoded before, when the case was loaded.
+fn decoded<M: prost::Message + Default>(encoded: &[u8]) -> M {
+    M::decode(encoded).unwrap_or_default()
+}
+
+fn lesion_spacing_mm(case: &Case) -> f64 {
+    case.model
+        .as_ref()
+        .map_or(0.0, |model| model.lesion_spacing_mm)
+}
+
+fn check_box(message: Option<&arthro_proto::common::v1::Box>) -> Result<(), Violation> {
+    let Some(target_box) = message else {
+        return Err(Violation::new("target_box", "is missing"));
+    };
+    let min = wire::point(target_box.min, "target_box.min")?;
+    let max = wire::point(target_box.max, "target_box.max")?;
+    for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
+        if min[axis] >= max[axis] {
+            return Err(Violation::new(
+                format!("target_box.min.{name}"),
+                format!("is {}; must be below max, {}", min[axis], max[axis]),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// What is executed goes straight from the portal to the center, so what is approved has to say the same.
+fn check_approaches(
+    bites: &[case::Bite],
+    portal_in_ct: &arthro_geometry::Point3,
+) -> Result<(), Violation> {
+    for (index, bite) in bites.iter().enumerate() {
+        let shaft = (bite.center - portal_in_ct).normalize();
+        let sine = bite.approach.cross(&shaft).norm();
+        if !(sine <= APPROACH_TOLERANCE && bite.approach.dot(&shaft) > 0.0) {
+            return Err(Violation::new(
+                format!("bites[{index}].approach"),
+                format!(
+                    "is {:.1} deg off the line from the portal to the center; must be within 1.1 deg",
+                    bite.approach.angle(&shaft).to_degrees()
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn stage_message(stage: Stage) -> proto::CaseState {
+    match stage {
+        Stage::Created => proto::CaseState::Created,
+        Stage::Ready => proto::CaseState::Ready,
+        Stage::Registered => proto::CaseState::Registered,
+        Stage::Accepted => proto::CaseState::Accepted,
+        Stage::Planned => proto::CaseState::Planned,
+        Stage::Approved => proto::CaseState::Approved,
+    }
+}

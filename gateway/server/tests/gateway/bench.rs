@@ -1,0 +1,412 @@
+//! The bench of every test: stand-ins, a gateway in a runtime of its own that can be killed, and a
+//! client that has taken a case as far as the test needs it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use arthro_bootstrap::{Drain, Service as _, status};
+use arthro_gateway::config::{Calibration, Config, Pose};
+use arthro_geometry::{Point3, Vector3};
+use arthro_proto::common::v1 as common;
+use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
+use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
+use tempfile::TempDir;
+use tokio::runtime::Runtime;
+use tokio_stream::wrappers::TcpListenerStream;
+use tonic::Status;
+use tonic::transport::Channel;
+
+use super::fakes::{PATIENCE, World};
+
+pub struct Bench {
+    pub world: Arc<World>,
+    pub cases: CaseServiceClient<Channel>,
+    pub procedures: ProcedureServiceClient<Channel>,
+    config: Config,
+    runtime: Option<Runtime>,
+    _folder: TempDir,
+}
+
+impl Bench {
+    pub async fn new() -> Self {
+        Self::with(|_| {}).await
+    }
+
+    pub async fn with(configure: impl FnOnce(&mut Config)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let journal = folder.path().join("gateway.sqlite");
+        let world = World::new(journal.clone());
+        let address = world.serve().await;
+        let mut config = Config {
+            registration: address.clone(),
+            planning: address.clone(),
+            motion: address.clone(),
+            instrument: address,
+            calibration: Some(calibration()),
+            ..config(journal)
+        };
+        configure(&mut config);
+        let (runtime, channel) = gateway(config.clone()).await;
+        Self {
+            world,
+            cases: CaseServiceClient::new(channel.clone()),
+            procedures: ProcedureServiceClient::new(channel),
+            config,
+            runtime: Some(runtime),
+            _folder: folder,
+        }
+    }
+
+    /// Ends the gateway without telling any of its tasks.
+    pub async fn kill(&mut self) {
+        let runtime = self.runtime.take().unwrap();
+        tokio::task::spawn_blocking(move || runtime.shutdown_timeout(PATIENCE))
+            .await
+            .unwrap();
+    }
+
+    /// A new gateway on the same journal.
+    pub async fn restart(&mut self, configure: impl FnOnce(&mut Config)) {
+        configure(&mut self.config);
+        let (runtime, channel) = gateway(self.config.clone()).await;
+        self.runtime = Some(runtime);
+        self.cases = CaseServiceClient::new(channel.clone());
+        self.procedures = ProcedureServiceClient::new(channel);
+    }
+
+    // === a case, step by step ===
+
+    pub async fn case(&mut self) -> String {
+        let request = proto::CreateCaseRequest {
+            label: "left knee".to_owned(),
+        };
+        let case = self.cases.create_case(request).await.unwrap();
+        case.into_inner().case.unwrap().case_id
+    }
+
+    pub async fn upload(&mut self, case_id: &str) {
+        self.cases
+            .upload_model(tokio_stream::iter(model(case_id)))
+            .await
+            .unwrap();
+        self.cases
+            .upload_scene(tokio_stream::iter(scene(case_id)))
+            .await
+            .unwrap();
+    }
+
+    pub async fn register(&mut self, case_id: &str) -> Vec<proto::RegisterCaseResponse> {
+        let request = proto::RegisterCaseRequest {
+            case_id: case_id.to_owned(),
+            ..proto::RegisterCaseRequest::default()
+        };
+        let mut events = self
+            .cases
+            .register_case(request)
+            .await
+            .unwrap()
+            .into_inner();
+        let mut all = Vec::new();
+        while let Some(event) = events.message().await.unwrap() {
+            all.push(event);
+        }
+        all
+    }
+
+    pub async fn accept(&mut self, case_id: &str) -> Result<proto::Case, Status> {
+        let request = proto::AcceptRegistrationRequest {
+            case_id: case_id.to_owned(),
+            operator: "operator".to_owned(),
+        };
+        let answer = self.cases.accept_registration(request).await?;
+        Ok(answer.into_inner().case.unwrap())
+    }
+
+    pub async fn plan(&mut self, case_id: &str) -> Result<(), Status> {
+        let mut events = self
+            .cases
+            .plan_case(plan_request(case_id))
+            .await?
+            .into_inner();
+        while events.message().await?.is_some() {}
+        Ok(())
+    }
+
+    pub async fn approve(&mut self, case_id: &str, digest: &str) -> Result<proto::Case, Status> {
+        let request = proto::ApprovePlanRequest {
+            case_id: case_id.to_owned(),
+            plan_digest: digest.to_owned(),
+            surgeon: "surgeon".to_owned(),
+        };
+        let answer = self.cases.approve_plan(request).await?;
+        Ok(answer.into_inner().case.unwrap())
+    }
+
+    pub async fn get(&mut self, case_id: &str) -> proto::GetCaseResponse {
+        let request = proto::GetCaseRequest {
+            case_id: case_id.to_owned(),
+        };
+        self.cases.get_case(request).await.unwrap().into_inner()
+    }
+
+    /// A case with a plan that waits for approval: its id and digest.
+    pub async fn planned(&mut self) -> (String, String) {
+        let case_id = self.case().await;
+        self.upload(&case_id).await;
+        self.register(&case_id).await;
+        self.accept(&case_id).await.unwrap();
+        self.plan(&case_id).await.unwrap();
+        let digest = self.get(&case_id).await.case.unwrap().plan_digest;
+        (case_id, digest)
+    }
+
+    pub async fn approved(&mut self) -> (String, String) {
+        let (case_id, digest) = self.planned().await;
+        self.approve(&case_id, &digest).await.unwrap();
+        (case_id, digest)
+    }
+
+    // === a procedure ===
+
+    pub async fn start(&mut self, case_id: &str, digest: &str) -> Result<String, Status> {
+        let request = proto::StartProcedureRequest {
+            case_id: case_id.to_owned(),
+            plan_digest: digest.to_owned(),
+            operator: "operator".to_owned(),
+        };
+        let answer = self.procedures.start_procedure(request).await?;
+        Ok(answer.into_inner().procedure.unwrap().procedure_id)
+    }
+
+    /// An approved plan under way.
+    pub async fn started(&mut self) -> String {
+        let (case_id, digest) = self.approved().await;
+        self.start(&case_id, &digest).await.unwrap()
+    }
+
+    /// Watches until the procedure is in one of the states.
+    pub async fn reaches(
+        &mut self,
+        procedure_id: &str,
+        state: proto::ProcedureState,
+    ) -> proto::Procedure {
+        let request = proto::WatchProcedureRequest {
+            procedure_id: procedure_id.to_owned(),
+        };
+        let mut watching = self
+            .procedures
+            .watch_procedure(request)
+            .await
+            .unwrap()
+            .into_inner();
+        let mut last = None;
+        let watch = async {
+            while let Some(message) = watching.message().await.unwrap() {
+                let procedure = message.procedure.unwrap();
+                if procedure.state() == state {
+                    return procedure;
+                }
+                last = Some(procedure);
+            }
+            panic!("the watch ended before {state:?}: {last:?}");
+        };
+        match tokio::time::timeout(PATIENCE, watch).await {
+            Ok(procedure) => procedure,
+            Err(_) => panic!("never became {state:?}"),
+        }
+    }
+
+    pub async fn recover(
+        &mut self,
+        procedure_id: &str,
+        action: proto::RecoveryAction,
+    ) -> Result<proto::Procedure, Status> {
+        let request = proto::RecoverProcedureRequest {
+            procedure_id: procedure_id.to_owned(),
+            action: action.into(),
+            operator: "operator".to_owned(),
+        };
+        let answer = self.procedures.recover_procedure(request).await?;
+        Ok(answer.into_inner().procedure.unwrap())
+    }
+
+    pub async fn report(&mut self, procedure_id: &str) -> proto::GetReportResponse {
+        let request = proto::GetReportRequest {
+            procedure_id: procedure_id.to_owned(),
+        };
+        self.procedures
+            .get_report(request)
+            .await
+            .unwrap()
+            .into_inner()
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+/// Serves a gateway on a runtime of its own.
+async fn gateway(config: Config) -> (Runtime, Channel) {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .unwrap();
+    let address = runtime
+        .spawn(async move {
+            let routes = arthro_gateway::Server::build(config, Drain::never())
+                .await
+                .unwrap();
+            let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let address = listener.local_addr().unwrap();
+            let server = tonic::transport::Server::builder()
+                .add_routes(routes)
+                .serve_with_incoming(TcpListenerStream::new(listener));
+            tokio::spawn(server);
+            address
+        })
+        .await
+        .unwrap();
+    let channel = Channel::from_shared(format!("http://{address}"))
+        .unwrap()
+        .connect()
+        .await
+        .unwrap();
+    (runtime, channel)
+}
+
+fn config(journal: PathBuf) -> Config {
+    Config {
+        journal,
+        ..Config::default()
+    }
+}
+
+/// The camera looks down on the knee; the arthroscope comes from the side.
+pub fn calibration() -> Calibration {
+    Calibration {
+        forceps_base_from_camera: Pose {
+            rotation: [0.0, 1.0, 0.0, 0.0],
+            translation_mm: [750.0, 0.0, 550.0],
+        },
+        forceps_base_from_arthroscope_base: Pose {
+            rotation: [
+                std::f64::consts::FRAC_1_SQRT_2,
+                0.0,
+                0.0,
+                -std::f64::consts::FRAC_1_SQRT_2,
+            ],
+            translation_mm: [350.0, 750.0, 0.0],
+        },
+        forceps_portal_mm: [700.0, -20.0, 260.0],
+        arthroscope_portal_mm: [700.0, 380.0, 260.0],
+        forceps_base_from_tool_at_tray: Pose {
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            translation_mm: [450.0, -250.0, 350.0],
+        },
+        arthroscope_rest_mm: [550.0, 380.0, 350.0],
+    }
+}
+
+/// Where a point of ct is in the forceps arm's base, by hand: camera = ct + t, base = (750 + x, -y, 550 - z).
+pub fn in_base(ct: [f64; 3]) -> Point3 {
+    let [tx, ty, tz] = super::fakes::computing::CAMERA_FROM_CT_MM;
+    Point3::new(750.0 + ct[0] + tx, -(ct[1] + ty), 550.0 - (ct[2] + tz))
+}
+
+/// The same for a direction.
+pub fn direction_in_base(ct: &common::Direction) -> Vector3 {
+    Vector3::new(ct.x, -ct.y, -ct.z)
+}
+
+pub fn plan_request(case_id: &str) -> proto::PlanCaseRequest {
+    let point = |x_mm, y_mm, z_mm| Some(common::Point { x_mm, y_mm, z_mm });
+    proto::PlanCaseRequest {
+        case_id: case_id.to_owned(),
+        start: point(53.0, 48.0, 61.0),
+        goal: point(54.0, 53.0, 36.0),
+        target_box: Some(common::Box {
+            min: point(50.0, 40.0, 30.0),
+            max: point(60.0, 70.0, 70.0),
+        }),
+        ..proto::PlanCaseRequest::default()
+    }
+}
+
+/// A tetrahedron of 30 mm.
+pub fn model(case_id: &str) -> Vec<proto::UploadModelRequest> {
+    use arthro_proto::common::v1::mesh_chunk::Part;
+    use proto::upload_model_request::Payload;
+    let vertices = packed(&[0., 0., 0., 30., 0., 0., 0., 30., 0., 0., 0., 30.]);
+    let triangles: Vec<u8> = [0u32, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
+        .iter()
+        .flat_map(|index| index.to_le_bytes())
+        .collect();
+    let header = proto::ModelHeader {
+        case_id: case_id.to_owned(),
+        mesh: Some(common::MeshHeader {
+            frame: common::Frame::Ct.into(),
+            vertex_count: 4,
+            triangle_count: 4,
+        }),
+        lesion: None,
+        lesion_spacing_mm: 0.5,
+    };
+    let mesh = |part| Payload::Mesh(common::MeshChunk { part: Some(part) });
+    [
+        Payload::Header(header),
+        mesh(Part::Vertices(vertices.into())),
+        mesh(Part::Triangles(triangles.into())),
+    ]
+    .map(|payload| proto::UploadModelRequest {
+        payload: Some(payload),
+    })
+    .to_vec()
+}
+
+/// 200 points on a line of 40 mm.
+pub fn scene_points() -> Vec<u8> {
+    let values: Vec<f32> = (0..200)
+        .flat_map(|index| [index as f32 * 0.2, 0.0, 250.0])
+        .collect();
+    packed(&values)
+}
+
+pub fn scene(case_id: &str) -> Vec<proto::UploadSceneRequest> {
+    use proto::upload_scene_request::Payload;
+    let header = proto::SceneHeader {
+        case_id: case_id.to_owned(),
+        scene: Some(proto::scene_header::Scene::Cloud(common::CloudHeader {
+            frame: common::Frame::Camera.into(),
+            point_count: 200,
+            has_normals: false,
+        })),
+    };
+    [
+        Payload::Header(header),
+        Payload::Points(scene_points().into()),
+    ]
+    .map(|payload| proto::UploadSceneRequest {
+        payload: Some(payload),
+    })
+    .to_vec()
+}
+
+pub fn packed(values: &[f32]) -> Vec<u8> {
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
+}
+
+/// The reason word of a refusal.
+pub fn reason<T: std::fmt::Debug>(answer: Result<T, Status>) -> String {
+    let refusal = answer.expect_err("the call is refused");
+    status::reason(&refusal).unwrap_or_else(|| panic!("no reason in {refusal:?}"))
+}

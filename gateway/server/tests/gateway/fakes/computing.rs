@@ -1,0 +1,182 @@
+//! Stand-ins of registration and planning: fixed answers, honest about what they received.
+
+use std::pin::Pin;
+use std::sync::Arc;
+
+use arthro_gateway::wire;
+use arthro_geometry::{Point3, Vector3};
+use arthro_proto::common::v1 as common;
+use arthro_proto::planning::v1 as planning;
+use arthro_proto::planning::v1::planning_service_server::PlanningService;
+use arthro_proto::registration::v1 as registration;
+use arthro_proto::registration::v1::registration_service_server::RegistrationService;
+use tokio_stream::Stream;
+use tonic::{Request, Response, Status, Streaming};
+
+use super::World;
+
+#[derive(Clone)]
+pub struct Fake(pub Arc<World>);
+
+type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// Where the bites are, ct.
+pub const CENTERS: [[f64; 3]; 3] = [[53.0, 48.0, 61.0], [54.0, 50.0, 50.0], [54.0, 53.0, 36.0]];
+/// Where ct lies in the view: translation of camera_from_ct.
+pub const CAMERA_FROM_CT_MM: [f64; 3] = [-53.0, -50.0, 250.0];
+
+fn answers<T: Send + 'static>(messages: Vec<T>) -> Answers<T> {
+    Box::pin(tokio_stream::iter(messages.into_iter().map(Ok)))
+}
+
+#[tonic::async_trait]
+impl RegistrationService for Fake {
+    type RegisterStream = Answers<registration::RegisterResponse>;
+    async fn register(
+        &self,
+        request: Request<Streaming<registration::RegisterRequest>>,
+    ) -> Result<Response<Self::RegisterStream>, Status> {
+        use registration::register_request::Payload;
+        use registration::register_response::Event;
+        let mut stream = request.into_inner();
+        let (mut source, mut target, mut announced) = (0, 0, (0, 0));
+        while let Some(message) = stream.message().await? {
+            match message.payload.unwrap() {
+                Payload::Options(options) => {
+                    announced = (
+                        options.source.unwrap().point_count as usize * 24,
+                        options.target.unwrap().point_count as usize * 12,
+                    );
+                }
+                Payload::Source(bytes) => source += bytes.len(),
+                Payload::Target(bytes) => target += bytes.len(),
+            }
+        }
+        assert_eq!((source, target), announced, "everything announced arrived");
+        self.0.source_points.send_replace((source / 24) as u32);
+        let [x_mm, y_mm, z_mm] = CAMERA_FROM_CT_MM;
+        let result = registration::RegistrationResult {
+            camera_from_ct: Some(common::Similarity {
+                scale: 1.0,
+                rotation: Some(common::Quaternion {
+                    w: 1.0,
+                    ..common::Quaternion::default()
+                }),
+                translation: Some(common::Point { x_mm, y_mm, z_mm }),
+            }),
+            verdict: (*self.0.verdict.lock().unwrap()).into(),
+            reasons: vec!["OVERLAP_LOW".to_owned()],
+            mse_mm2: 0.02,
+            residuals_mm: vec![1, 2, 3, 4].into(),
+            ..registration::RegistrationResult::default()
+        };
+        let event = |event| registration::RegisterResponse { event: Some(event) };
+        Ok(Response::new(answers(vec![
+            event(Event::Stage(registration::StageStarted {
+                stage: registration::Stage::Coarse.into(),
+                seconds: 0.0,
+            })),
+            event(Event::Result(result)),
+        ])))
+    }
+
+    type DeprojectDepthStream = Answers<registration::DeprojectDepthResponse>;
+    async fn deproject_depth(
+        &self,
+        request: Request<Streaming<registration::DeprojectDepthRequest>>,
+    ) -> Result<Response<Self::DeprojectDepthStream>, Status> {
+        use registration::deproject_depth_response::Payload;
+        let mut stream = request.into_inner();
+        while stream.message().await?.is_some() {}
+        let points = super::super::bench::scene_points();
+        let message = |payload| registration::DeprojectDepthResponse {
+            payload: Some(payload),
+        };
+        Ok(Response::new(answers(vec![
+            message(Payload::Header(common::CloudHeader {
+                frame: common::Frame::Camera.into(),
+                point_count: (points.len() / 12) as u32,
+                has_normals: false,
+            })),
+            message(Payload::Points(points.into())),
+        ])))
+    }
+}
+
+/// Bites whose approach points from the portal and whose opening is as upright as it goes, ct.
+pub fn bites(portal: &Point3) -> Vec<planning::Bite> {
+    CENTERS
+        .iter()
+        .map(|&[x, y, z]| {
+            let center = Point3::new(x, y, z);
+            let approach = (center - portal).normalize();
+            let opening = approach.cross(&Vector3::new(0.3, 0.5, 0.7)).normalize();
+            planning::Bite {
+                center: Some(wire::point_message(&center)),
+                approach: Some(wire::direction_message(&approach)),
+                opening: Some(wire::direction_message(&opening)),
+                contour_point: Some(wire::point_message(&center)),
+            }
+        })
+        .collect()
+}
+
+#[tonic::async_trait]
+impl PlanningService for Fake {
+    async fn fit_contour(
+        &self,
+        _: Request<planning::FitContourRequest>,
+    ) -> Result<Response<planning::FitContourResponse>, Status> {
+        Err(Status::unimplemented("the gateway fits no contours"))
+    }
+
+    type PlanResectionStream = Answers<planning::PlanResectionResponse>;
+    async fn plan_resection(
+        &self,
+        request: Request<Streaming<planning::PlanResectionRequest>>,
+    ) -> Result<Response<Self::PlanResectionStream>, Status> {
+        use planning::plan_resection_request::Payload;
+        use planning::plan_resection_response::Event;
+        let mut stream = request.into_inner();
+        let mut portal = None;
+        while let Some(message) = stream.message().await? {
+            if let Some(Payload::Options(options)) = message.payload {
+                portal = options.portal;
+            }
+        }
+        let portal = wire::point(portal, "portal").unwrap();
+        let event = |event| planning::PlanResectionResponse { event: Some(event) };
+        Ok(Response::new(answers(vec![
+            event(Event::Progress(planning::PlanProgress {
+                stage: "rrt".to_owned(),
+                iterations: 10,
+                fraction: 0.5,
+            })),
+            event(Event::Plan(planning::ResectionPlan {
+                bites: bites(&portal),
+                contour: vec![wire::point_message(&Point3::new(53.0, 48.0, 61.0))],
+                ..planning::ResectionPlan::default()
+            })),
+        ])))
+    }
+
+    async fn evaluate_resection(
+        &self,
+        request: Request<Streaming<planning::EvaluateResectionRequest>>,
+    ) -> Result<Response<planning::EvaluateResectionResponse>, Status> {
+        use planning::evaluate_resection_request::Payload;
+        let mut stream = request.into_inner();
+        let mut bites = 0;
+        while let Some(message) = stream.message().await? {
+            if let Some(Payload::Options(options)) = message.payload {
+                bites = options.bites.len() as u32;
+            }
+        }
+        Ok(Response::new(planning::EvaluateResectionResponse {
+            evaluation: Some(planning::ResectionEvaluation {
+                bites,
+                ..planning::ResectionEvaluation::default()
+            }),
+        }))
+    }
+}

@@ -1,0 +1,172 @@
+use proptest::prelude::*;
+
+use super::*;
+
+fn frame(id: Id, data: &[u8]) -> Frame {
+    Frame::new(id, data).unwrap()
+}
+
+fn stamped(id: Id, micros: u64, data: &[u8]) -> Reply {
+    Reply::Frame(Stamped {
+        frame: frame(id, data),
+        stamp: Duration::from_micros(micros),
+    })
+}
+
+#[test]
+fn requests_are_written_as_python_can_writes_them() {
+    let cases = [
+        (Request::Open("vcan0".into()), "< open vcan0 >"),
+        (Request::RawMode, "< rawmode >"),
+        (
+            Request::Send(frame(
+                Id::Standard(0x601),
+                &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0],
+            )),
+            "< send 601 8 40 41 60 0 0 0 0 0 >",
+        ),
+        (
+            Request::Send(frame(Id::Standard(0x80), &[])),
+            "< send 080 0  >",
+        ),
+        (
+            Request::Send(frame(Id::Standard(0), &[0x81, 0x0A])),
+            "< send 000 2 81 a >",
+        ),
+        (
+            Request::Send(frame(Id::Extended(0x1ABC), &[0xFF])),
+            "< send 00001ABC 1 ff >",
+        ),
+    ];
+    for (request, text) in cases {
+        assert_eq!(request.to_string(), text);
+        assert_eq!(Request::parse(&text[1..text.len() - 1]), Ok(request));
+    }
+}
+
+#[test]
+fn replies_are_written_as_python_can_reads_them() {
+    let cases = [
+        (Reply::Hi, "< hi >"),
+        (Reply::Ok, "< ok >"),
+        (
+            Reply::Error("unknown command".into()),
+            "< error unknown command >",
+        ),
+        (
+            stamped(
+                Id::Standard(0x581),
+                1_795_366_526_766_067,
+                &[0x4B, 0x41, 0x60, 0, 0x37, 6, 0, 0],
+            ),
+            "< frame 581 1795366526.766067 4B41600037060000 >",
+        ),
+        (
+            stamped(Id::Standard(0x80), 1_000_000, &[]),
+            "< frame 080 1.000000  >",
+        ),
+        (
+            stamped(Id::Error(Id::ERROR_BUS_OFF), 2_500_000, &[]),
+            "< error 20000040 2.500000 >",
+        ),
+    ];
+    for (reply, text) in cases {
+        assert_eq!(reply.to_string(), text);
+        assert_eq!(Reply::parse(&text[1..text.len() - 1]), Ok(reply));
+    }
+}
+
+#[test]
+fn bytes_with_spaces_between_are_read_too() {
+    let reply = Reply::parse("frame 701 0.5 7F 05");
+    assert_eq!(
+        reply,
+        Ok(stamped(Id::Standard(0x701), 500_000, &[0x7F, 0x05]))
+    );
+}
+
+#[test]
+fn malformed_messages_are_named() {
+    for message in [
+        "send",
+        "send 801 1 0",
+        "send 601 9 0 0 0 0 0 0 0 0 0",
+        "send 601 2 0",
+        "send 601 1 100",
+        "send +1 1 0",
+        "open",
+    ] {
+        assert!(
+            matches!(Request::parse(message), Err(ParseError::Malformed { .. })),
+            "{message}"
+        );
+    }
+    for message in [
+        "frame 581",
+        "frame 581 x 00",
+        "frame 581 1.0 0",
+        "frame 581 1.0 0G",
+        "frame 581 1.0 000000000000000000",
+    ] {
+        assert!(
+            matches!(Reply::parse(message), Err(ParseError::Malformed { .. })),
+            "{message}"
+        );
+    }
+    assert_eq!(
+        Request::parse("hello"),
+        Err(ParseError::UnknownCommand("hello".into()))
+    );
+}
+
+#[test]
+fn a_message_without_end_is_refused_and_not_collected() {
+    let mut splitter = Splitter::default();
+    assert_eq!(
+        splitter.push(&[b'x'; 10_000]),
+        Ok(vec![]),
+        "bytes outside of messages are ignored"
+    );
+    assert_eq!(splitter.push(b"< "), Ok(vec![]));
+    assert_eq!(splitter.push(&[b'x'; 10_000]), Err(ParseError::TooLong));
+}
+
+prop_compose! {
+    fn any_frame()(
+        id in prop_oneof![(0u16..=0x7FF).prop_map(Id::Standard), (0u32..=Id::MAX_EXTENDED).prop_map(Id::Extended)],
+        data in prop::collection::vec(any::<u8>(), 0..=8),
+    ) -> Frame {
+        frame(id, &data)
+    }
+}
+
+proptest! {
+    #[test]
+    fn every_frame_survives_both_directions(frame in any_frame(), micros in 0u64..1 << 52) {
+        let request = Request::Send(frame);
+        let reply = Reply::Frame(Stamped { frame, stamp: Duration::from_micros(micros) });
+        let stream = format!("{request}{reply}");
+        let messages = Splitter::default().push(stream.as_bytes()).unwrap();
+        prop_assert_eq!(Request::parse(&messages[0]), Ok(request));
+        prop_assert_eq!(Reply::parse(&messages[1]), Ok(reply));
+    }
+
+    #[test]
+    fn segments_may_fall_anywhere(frames in prop::collection::vec(any_frame(), 1..5), cut in 1usize..7) {
+        let stream: String = frames.iter().map(|frame| Request::Send(*frame).to_string()).collect();
+        let mut splitter = Splitter::default();
+        let mut received = Vec::new();
+        for segment in stream.as_bytes().chunks(cut) {
+            received.extend(splitter.push(segment).unwrap());
+        }
+        let received: Vec<_> = received.iter().map(|message| Request::parse(message).unwrap()).collect();
+        prop_assert_eq!(received, frames.into_iter().map(Request::Send).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn no_text_panics(text in ".{0,120}") {
+        let _ = Request::parse(&text);
+        let _ = Reply::parse(&text);
+        let _ = Splitter::default().push(text.as_bytes());
+    }
+}

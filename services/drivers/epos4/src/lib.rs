@@ -1,0 +1,12 @@
+//! Speaks CANopen (CiA 301) and CiA 402 with maxon EPOS4 drives over any of three buses: the kernel's SocketCAN, a
+//! `socketcand` server, or a bus within the process.
+//!
+//! The codecs ([`frame`], [`canopen`], [`cia402`], [`bus::socketcand::text`]) do no I/O and serve both ends of the wire. [`network`] is the
+//! master of a bus: it reads and writes typed [`objects`] of its nodes and reports heartbeats and emergencies.
+
+pub mod bus;
+pub mod canopen;
+pub mod cia402;
+pub mod frame;
+pub mod network;
+pub mod objects;

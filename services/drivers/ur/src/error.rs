@@ -1,0 +1,109 @@
+//! What can go wrong between this process and a controller.
+
+use std::time::Duration;
+
+use tokio::net::TcpStream;
+
+use crate::{RobotMode, SafetyMode, rtde::wire};
+
+/// Errors of the link.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No connection to one of the services.
+    #[error("cannot connect to {service} at {address}")]
+    Connect {
+        /// "dashboard", "rtde" or "script".
+        service: &'static str,
+        /// host:port.
+        address: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A connection broke.
+    #[error("{service} connection failed")]
+    Io {
+        /// "dashboard", "rtde" or "script".
+        service: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The controller closed a connection.
+    #[error("{service} connection closed by the controller")]
+    Closed {
+        /// "dashboard", "rtde" or "script".
+        service: &'static str,
+    },
+    /// Something did not come in time.
+    #[error("no {what} within {limit:?}")]
+    Timeout {
+        /// What was waited for.
+        what: &'static str,
+        /// How long.
+        limit: Duration,
+    },
+    /// Bytes that are not the protocol.
+    #[error("rtde protocol violated")]
+    Wire(#[from] wire::Error),
+    /// The controller said no.
+    #[error("{request} refused: {answer}")]
+    Refused {
+        /// What was asked.
+        request: String,
+        /// What it answered.
+        answer: String,
+    },
+    /// A recipe field is missing, taken or of another type.
+    #[error("rtde field {name} is {answer}, wanted {wanted}")]
+    Field {
+        /// Name of the field.
+        name: String,
+        /// Type or refusal as the controller gave it.
+        answer: wire::Type,
+        /// Type this client needs.
+        wanted: wire::Type,
+    },
+    /// The arm is in no state to run a program.
+    #[error("arm is not ready: robot mode {robot_mode}, safety mode {safety_mode}")]
+    NotReady {
+        /// Power and brakes.
+        robot_mode: RobotMode,
+        /// Safety system.
+        safety_mode: SafetyMode,
+    },
+    /// A value that must not go to a robot.
+    #[error("{field} is {value}, allowed is {limit}")]
+    Value {
+        /// Field of the command or option.
+        field: &'static str,
+        /// What was given.
+        value: f64,
+        /// What is allowed.
+        limit: &'static str,
+    },
+}
+
+/// Opens one of the controller's services.
+pub(crate) async fn connect(
+    service: &'static str,
+    host: &str,
+    port: u16,
+    limit: Duration,
+) -> Result<TcpStream, Error> {
+    let attempt = tokio::time::timeout(limit, TcpStream::connect((host, port)));
+    let stream = attempt
+        .await
+        .map_err(|_| Error::Timeout {
+            what: "connection",
+            limit,
+        })?
+        .map_err(|source| Error::Connect {
+            service,
+            address: format!("{host}:{port}"),
+            source,
+        })?;
+    stream
+        .set_nodelay(true)
+        .map_err(|source| Error::Io { service, source })?;
+    Ok(stream)
+}

@@ -1,0 +1,40 @@
+//! Drives a Universal Robots arm over its own wire protocols: the dashboard (29999), RTDE v2 (30004) and URScript
+//! upload (30003). Real and simulated controllers are reached by the same code; only the address differs.
+//!
+//! Most users want [`Controller`]: it powers the arm, uploads a small URScript program (see [`program`]) and then
+//! exchanges one state and one command per controller cycle through RTDE registers.
+//!
+//! ```no_run
+//! use ur_link::{Command, Controller, Endpoint, Options, RobotLink};
+//! # async fn demo() -> Result<(), ur_link::Error> {
+//! let mut arm = Controller::connect(Options::new(Endpoint::new("192.168.0.10"))).await?;
+//! let command = Command::MoveJ { joints_rad: [0.0, -1.5, 1.5, -1.5, -1.5, 0.0], speed_rad_s: 0.5, accel_rad_s2: 1.0 };
+//! let mut sent = false;
+//! loop {
+//!     let state = arm.next_state().await?;
+//!     arm.send(&command).await?; // one package per state: it is also the keep-alive
+//!     if sent && state.program.finished() {
+//!         break;
+//!     }
+//!     sent = true;
+//! }
+//! # Ok(()) }
+//! ```
+//!
+//! Units are those of the robot, on purpose and only here: metres, radians, seconds, rotation vectors.
+//! The parts can be used alone: [`rtde::wire`] is a codec without I/O for both directions, [`rtde::Client`] speaks RTDE
+//! with any recipe, [`Dashboard`] the dashboard protocol.
+
+mod codes;
+mod controller;
+mod dashboard;
+mod error;
+mod link;
+pub mod program;
+pub mod rtde;
+
+pub use codes::{RobotMode, RuntimeState, SafetyMode};
+pub use controller::Controller;
+pub use dashboard::Dashboard;
+pub use error::Error;
+pub use link::{Command, Endpoint, Fault, Options, ProgramState, RobotLink, Servo, Startup, State};

@@ -1,0 +1,549 @@
+//! The owner of the drives: one task that has the bus, the leases, the operations and every motion.
+//!
+//! Motions are futures that this task polls itself. To stop one is to drop it: from then on it sends nothing, and the
+//! quick stop that follows overtakes whatever of it has not reached the bus.
+
+mod board;
+mod commands;
+mod handle;
+mod link;
+mod motion;
+mod session;
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use arthro_authority::{Begin, Leases, Operation, Operations, Outcome, REMEMBERED_OPERATIONS};
+use arthro_bootstrap::Drain;
+use epos4_link::bus::CanBus;
+use epos4_link::frame::Id;
+use epos4_link::network::Event;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::{Instant, MissedTickBehavior, interval};
+
+pub use self::board::{AxisState, Identity, Readiness, Snapshot};
+pub use self::commands::{Authorization, Command, Report, Ticket};
+pub use self::handle::Handle;
+
+use self::board::Board;
+use self::handle::{Request, StopRequest};
+use self::link::Link;
+use self::motion::{Ended, Running};
+use self::session::{Connector, Session, Step};
+use crate::axis::Axis;
+use crate::bite::Jaw;
+use crate::config::Cell;
+use crate::error::{Failure, Refusal};
+use crate::supervisor::{Fault, Finding, Supervisor};
+
+/// How often leases are looked at.
+const TICK: Duration = Duration::from_millis(20);
+/// Commands that wait for the owner.
+const REQUEST_QUEUE_LEN: usize = 64;
+/// How long a shutdown waits for the drives to confirm.
+const SHUTDOWN_STOP_LIMIT: Duration = Duration::from_secs(2);
+
+/// The owner.
+pub struct Drives {
+    cell: Arc<Cell>,
+    board: Board,
+    requests: mpsc::Receiver<Request>,
+    stops: mpsc::UnboundedReceiver<StopRequest>,
+    session: Session,
+    supervisor: Supervisor,
+    leases: Leases,
+    operations: Operations,
+    /// The ends of bites, for as long as their operations are remembered.
+    bites: HashMap<String, crate::bite::BiteEnd>,
+    running: Vec<Running>,
+    stop_waiters: Vec<oneshot::Sender<Result<(), Refusal>>>,
+    started: Instant,
+}
+
+impl Drives {
+    /// The owner of a cell's drives, and the way to it. Nothing is connected before [`run`](Self::run).
+    pub fn new(cell: Cell) -> (Self, Handle) {
+        let address = cell.bus.to_string();
+        Self::with_connector(
+            cell,
+            Box::new(move || {
+                let address = address.clone();
+                Box::pin(async move { epos4_link::bus::connect(&address).await })
+            }),
+        )
+    }
+
+    /// The same over another way to the bus.
+    pub(crate) fn with_connector(cell: Cell, connector: Connector) -> (Self, Handle) {
+        let cell = Arc::new(cell);
+        let board = Board::default();
+        let (request_sender, requests) = mpsc::channel(REQUEST_QUEUE_LEN);
+        let (stop_sender, stops) = mpsc::unbounded_channel();
+        let handle = Handle::new(cell.clone(), board.clone(), request_sender, stop_sender);
+        let since_1970 = SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .unwrap_or_default();
+        let drives = Self {
+            session: Session::new(cell.clone(), board.clone(), connector),
+            supervisor: Supervisor::new(cell.heartbeat_timeout),
+            leases: Leases::new(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)),
+            operations: Operations::new(REMEMBERED_OPERATIONS),
+            bites: HashMap::new(),
+            running: Vec::new(),
+            stop_waiters: Vec::new(),
+            started: Instant::now(),
+            cell,
+            board,
+            requests,
+            stops,
+        };
+        (drives, handle)
+    }
+
+    /// Owns the drives until the drain starts; then stops them.
+    pub async fn run(mut self, drain: Drain) {
+        let mut tick = interval(TICK);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let draining = drain.started();
+        tokio::pin!(draining);
+        loop {
+            tokio::select! {
+                biased;
+                Some(StopRequest { why, reply }) = self.stops.recv() => self.on_stop(&why, reply),
+                () = &mut draining => break,
+                step = self.session.step(&mut self.running) => self.on_step(step),
+                _ = tick.tick() => self.on_tick(),
+                Some(request) = self.requests.recv() => self.on_request(request),
+            }
+        }
+        self.stop_motions("SHUTDOWN", "the service shuts down");
+        let stopping = async {
+            while self.session.is_stopping() {
+                let step = self.session.step(&mut self.running).await;
+                self.on_step(step);
+            }
+        };
+        if tokio::time::timeout(SHUTDOWN_STOP_LIMIT, stopping)
+            .await
+            .is_err()
+        {
+            tracing::error!("the drives did not confirm the quick stop before the shutdown");
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    fn on_tick(&mut self) {
+        if let Some(lease) = self.leases.expired(self.now()) {
+            tracing::warn!(
+                holder = lease.holder,
+                token = lease.fencing_token,
+                "lease lost: stopping the drives"
+            );
+            let detail = format!(
+                "the lease of {:?} was not renewed within {} s",
+                lease.holder,
+                lease.ttl.as_secs_f64()
+            );
+            self.stop_motions("LEASE_LOST", &detail);
+        }
+    }
+
+    fn on_stop(&mut self, why: &str, reply: oneshot::Sender<Result<(), Refusal>>) {
+        tracing::warn!(why, "stop");
+        self.stop_motions("STOPPED", &format!("stopped: {why}"));
+        self.stop_waiters.push(reply);
+        if !self.session.is_stopping() {
+            let why = self.session.why_not_connected();
+            self.answer_stops(&Err(Refusal::StopNotConfirmed(why)));
+        }
+    }
+
+    fn answer_stops(&mut self, outcome: &Result<(), Refusal>) {
+        for waiter in self.stop_waiters.drain(..) {
+            // Who asked may be gone; the drives were stopped all the same.
+            waiter.send(outcome.clone()).ok();
+        }
+    }
+
+    /// Ends every operation and quick-stops every drive.
+    fn stop_motions(&mut self, reason: &str, detail: &str) {
+        for running in std::mem::take(&mut self.running) {
+            let outcome = Outcome::Stopped {
+                reason: reason.to_owned(),
+                detail: detail.to_owned(),
+            };
+            self.finish(running, outcome, None);
+        }
+        self.session.begin_stop();
+    }
+
+    fn on_step(&mut self, step: Step) {
+        match step {
+            Step::Bus(event, now) => self.on_event(event, now),
+            Step::BusLost(error) => self.on_bus_lost(&error),
+            Step::Ready(axis, now) => self.supervisor.watch(axis, now),
+            Step::Fault(axis, failure) => {
+                if let Some(fault) = failure.fault() {
+                    self.on_fault(axis, fault);
+                }
+            }
+            Step::Ended(place, ended) => self.on_ended(place, ended),
+            Step::Stopped(outcome) => self.answer_stops(&outcome),
+        }
+    }
+
+    fn on_event(&mut self, event: Event, now: Duration) {
+        let mut findings = self.supervisor.on_time(now);
+        match event {
+            Event::Heartbeat {
+                node_id,
+                state,
+                stamp,
+            } => {
+                if let Some(axis) = self.axis_of(node_id) {
+                    self.session.on_heartbeat(axis, state);
+                    findings.extend(self.supervisor.on_heartbeat(axis, state, stamp));
+                }
+            }
+            Event::Emergency { node_id, emergency } => {
+                if let Some(axis) = self.axis_of(node_id) {
+                    tracing::warn!(%axis, code = format!("0x{:04X}", emergency.code), "emergency");
+                    findings.extend(self.supervisor.on_emergency(axis, emergency));
+                }
+            }
+            Event::BusError { class } if class & Id::ERROR_BUS_OFF != 0 => {
+                for axis in Axis::ALL {
+                    let fault = Fault::new("BUS_OFF", "the can controller went bus-off");
+                    if self.supervisor.latch(axis, fault.clone()) {
+                        findings.push(Finding::Fault(axis, fault));
+                    }
+                }
+            }
+            Event::BusError { class } => {
+                tracing::warn!(class = format!("0x{class:X}"), "can bus error")
+            }
+        }
+        for finding in findings {
+            match finding {
+                Finding::Fault(axis, fault) => self.act_on_fault(axis, &fault),
+                Finding::Started(axis) => {
+                    self.session.set_up_anew(axis, "the drive has just started")
+                }
+            }
+        }
+    }
+
+    fn axis_of(&self, node_id: u8) -> Option<Axis> {
+        self.cell
+            .axes
+            .iter()
+            .map(|axis| &axis.spec)
+            .find(|spec| spec.node_id == node_id)
+            .map(|spec| spec.axis)
+    }
+
+    fn on_fault(&mut self, axis: Axis, fault: Fault) {
+        if self.supervisor.latch(axis, fault.clone()) {
+            self.act_on_fault(axis, &fault);
+        }
+    }
+
+    /// A new fault has been latched: everything stops, and a drive that may have lost its settings is set up anew.
+    fn act_on_fault(&mut self, axis: Axis, fault: &Fault) {
+        tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
+        self.board
+            .update(|state| state.axes[axis.index()].fault = Some(fault.clone()));
+        if matches!(
+            fault.reason,
+            "HEARTBEAT_LOST" | "UNEXPECTED_BOOT_UP" | "NMT_STATE_LOST" | "SDO_NO_ANSWER"
+        ) {
+            self.supervisor.unwatch(axis);
+            self.session.set_up_anew(axis, &fault.detail);
+        }
+        if axis == Axis::ForcepsFeed {
+            self.board.update(|state| state.jaw = Jaw::Unknown);
+        }
+        for running in std::mem::take(&mut self.running) {
+            let failure = Failure::Fault {
+                axis,
+                fault: fault.clone(),
+            };
+            let outcome = Outcome::Failed {
+                reason: failure.reason().to_owned(),
+                detail: failure.to_string(),
+            };
+            self.finish(running, outcome, None);
+        }
+        self.session.begin_stop();
+    }
+
+    fn on_bus_lost(&mut self, error: &str) {
+        tracing::warn!(error, "bus lost");
+        let lost: Vec<Axis> = Axis::ALL
+            .into_iter()
+            .filter(|axis| self.board.is_ready(*axis))
+            .collect();
+        self.session.disconnect(error);
+        for axis in Axis::ALL {
+            self.supervisor.unwatch(axis);
+        }
+        for axis in lost {
+            self.on_fault(axis, Fault::new("BUS_LOST", error));
+        }
+        self.answer_stops(&Err(Refusal::StopNotConfirmed(error.to_owned())));
+    }
+
+    fn on_ended(&mut self, place: usize, ended: Ended) {
+        let running = self.running.remove(place);
+        match ended {
+            Ok(done) => {
+                for axis in &done.recovered {
+                    self.supervisor.clear(*axis);
+                    self.board
+                        .update(|state| state.axes[axis.index()].fault = None);
+                }
+                self.finish(
+                    running,
+                    Outcome::Done {
+                        detail: done.detail.clone(),
+                    },
+                    Some(done),
+                );
+            }
+            Err((axis, failure)) => {
+                match failure.fault() {
+                    Some(fault) => self.on_fault(axis, fault),
+                    // The drive obeys, but where the motion stands is not what was wanted.
+                    None if running.command.moves() => self.session.begin_stop(),
+                    None => {}
+                }
+                let outcome = Outcome::Failed {
+                    reason: failure.reason().to_owned(),
+                    detail: failure.to_string(),
+                };
+                self.finish(running, outcome, None);
+            }
+        }
+    }
+
+    /// Records the outcome and lets go of the axes.
+    fn finish(&mut self, running: Running, outcome: Outcome, done: Option<motion::Done>) {
+        let Running {
+            command,
+            id,
+            reports,
+            ..
+        } = running;
+        let bite = done.as_ref().and_then(|done| done.bite);
+        let jaw = done.and_then(|done| done.jaw);
+        self.board.update(|state| {
+            for axis in command.axes() {
+                let axis = &mut state.axes[axis.index()];
+                axis.operation_id = None;
+                axis.moving = false;
+            }
+            if command.moves() && command.axes().contains(&Axis::ForcepsFeed) {
+                state.jaw = jaw.unwrap_or_default();
+            }
+        });
+        let Some(operation) = self.operations.finish(&id, outcome) else {
+            return;
+        };
+        tracing::info!(operation = id, state = ?operation.state, reason = operation.reason, "operation ended");
+        if let Some(bite) = bite {
+            let operations = &self.operations;
+            self.bites.retain(|id, _| operations.get(id).is_some());
+            self.bites.insert(id, bite);
+        }
+        reports.send_replace(Report { operation, bite });
+    }
+
+    fn on_request(&mut self, request: Request) {
+        // In every answer: who asked may be gone.
+        match request {
+            Request::Acquire { holder, ttl, reply } => {
+                // An expired lease must have stopped the drives before the next one is given.
+                self.on_tick();
+                reply
+                    .send(
+                        self.leases
+                            .acquire(&holder, ttl, self.now())
+                            .map_err(Refusal::from),
+                    )
+                    .ok();
+            }
+            Request::Renew { token, reply } => {
+                reply
+                    .send(self.leases.renew(token, self.now()).map_err(Refusal::from))
+                    .ok();
+            }
+            Request::Release { token, reply } => {
+                reply.send(self.release(token)).ok();
+            }
+            Request::Lease { reply } => {
+                reply.send(self.leases.current(self.now()).cloned()).ok();
+            }
+            Request::Command {
+                authorization,
+                command,
+                reply,
+            } => {
+                reply.send(self.on_command(&authorization, command)).ok();
+            }
+            Request::Node { axis, reply } => {
+                reply
+                    .send(self.link(axis).map(|link| link.node().clone()))
+                    .ok();
+            }
+        }
+    }
+
+    fn release(&mut self, token: u64) -> Result<(), Refusal> {
+        self.leases.check(token, self.now())?;
+        if let Some(running) = self.running.iter().find(|running| running.command.moves()) {
+            let axis = running
+                .command
+                .axes()
+                .first()
+                .copied()
+                .unwrap_or(Axis::ForcepsFeed);
+            return Err(Refusal::AxisMoving {
+                axis,
+                operation_id: running.id.clone(),
+            });
+        }
+        Ok(self.leases.release(token, self.now())?)
+    }
+
+    fn on_command(
+        &mut self,
+        authorization: &Authorization,
+        command: Command,
+    ) -> Result<Ticket, Refusal> {
+        let Authorization {
+            fencing_token,
+            operation_id,
+        } = authorization;
+        self.leases.check(*fencing_token, self.now())?;
+        let fingerprint = format!("{command:?}");
+        if self.operations.get(operation_id).is_none() {
+            self.admit(&command)?;
+        }
+        match self
+            .operations
+            .begin(operation_id, fingerprint.as_bytes())?
+        {
+            Begin::Repeated(operation) => Ok(self.repeated(operation)),
+            Begin::New => self.begin(operation_id, command),
+        }
+    }
+
+    fn repeated(&self, operation: Operation) -> Ticket {
+        let running = self
+            .running
+            .iter()
+            .find(|running| running.id == operation.id);
+        let reports = match running {
+            Some(running) => running.reports.subscribe(),
+            None => {
+                let bite = self.bites.get(&operation.id).copied();
+                watch::channel(Report { operation, bite }).1
+            }
+        };
+        Ticket {
+            reports,
+            repeated: true,
+        }
+    }
+
+    /// Whether the state of the drives allows the command.
+    fn admit(&self, command: &Command) -> Result<(), Refusal> {
+        if self.session.is_stopping() {
+            return Err(Refusal::Stopping);
+        }
+        if let Command::Write { address, .. } = command
+            && motion::is_reserved(*address)
+        {
+            return Err(Refusal::ObjectReserved(*address));
+        }
+        let state = self.board.snapshot();
+        for axis in command.axes() {
+            let axis_state = &state.axes[axis.index()];
+            if let Some(operation_id) = &axis_state.operation_id {
+                return Err(Refusal::AxisMoving {
+                    axis: *axis,
+                    operation_id: operation_id.clone(),
+                });
+            }
+            self.link(*axis)?;
+            if !command.moves() {
+                continue;
+            }
+            if let Some(fault) = self.supervisor.fault(*axis) {
+                return Err(Refusal::AxisFaulted {
+                    axis: *axis,
+                    fault: fault.clone(),
+                });
+            }
+            if command.needs_reference() && !axis_state.is_homed() {
+                return Err(Refusal::NotHomed { axis: *axis });
+            }
+        }
+        Ok(())
+    }
+
+    fn begin(&mut self, operation_id: &str, command: Command) -> Result<Ticket, Refusal> {
+        let links = command
+            .axes()
+            .iter()
+            .map(|axis| self.link(*axis))
+            .collect::<Result<Vec<Link>, Refusal>>()?;
+        let operation = self
+            .operations
+            .get(operation_id)
+            .cloned()
+            .ok_or(Refusal::ShuttingDown)?;
+        tracing::info!(operation = operation_id, ?command, "operation begins");
+        self.board.update(|state| {
+            for axis in command.axes() {
+                let axis = &mut state.axes[axis.index()];
+                axis.operation_id = Some(operation_id.to_owned());
+                axis.moving = command.moves();
+            }
+            if command.moves() && command.axes().contains(&Axis::ForcepsFeed) {
+                state.jaw = Jaw::Moving;
+            }
+        });
+        let (reports, watcher) = watch::channel(Report {
+            operation,
+            bite: None,
+        });
+        let future = motion::carry_out(self.cell.clone(), command.clone(), links);
+        self.running.push(Running {
+            id: operation_id.to_owned(),
+            command,
+            reports,
+            future,
+        });
+        Ok(Ticket {
+            reports: watcher,
+            repeated: false,
+        })
+    }
+
+    fn link(&self, axis: Axis) -> Result<Link, Refusal> {
+        self.session
+            .link(axis)
+            .map_err(|why| Refusal::AxisNotReady { axis, why })
+    }
+}
+
+/// A bus, once it is connected.
+type Connected = Result<Box<dyn CanBus>, epos4_link::bus::Error>;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,292 @@
+//! One axis' drive: the orders that every motion is made of. Each waits for the drive's confirmation and for nothing
+//! longer than a limit on the drive's own clock.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use epos4_link::cia402::{Command, Mode, State, Statusword, profile_position, towards_enabled};
+use epos4_link::network::Node;
+use epos4_link::objects;
+
+use super::board::Board;
+use crate::axis::{Axis, AxisSpec};
+use crate::config::{AxisSettings, Cell};
+use crate::error::Failure;
+use crate::positioning::{self, Sample};
+
+/// How long an order of the state machine may take, on the clock of the bus.
+const TRANSITION_LIMIT: Duration = Duration::from_secs(1);
+/// The drive's own definition of standing (object 0x30E0), rpm.
+const STANDSTILL_RPM: u32 = 30;
+
+/// The way to the drive of one axis. Cheap to clone.
+#[derive(Clone)]
+pub(super) struct Link {
+    axis: Axis,
+    cell: Arc<Cell>,
+    node: Node,
+    board: Board,
+}
+
+/// A move with profile: what differs from one to the next.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Profile {
+    /// Where to, in the axis' unit.
+    pub(super) target: f64,
+    /// Unit/s.
+    pub(super) speed: f64,
+    /// What the drive may draw.
+    pub(super) current_limit_ma: f64,
+    /// How far the motor may lag, in the axis' unit.
+    pub(super) following_error: f64,
+}
+
+impl Link {
+    pub(super) fn new(axis: Axis, cell: Arc<Cell>, node: Node, board: Board) -> Self {
+        Self {
+            axis,
+            cell,
+            node,
+            board,
+        }
+    }
+
+    pub(super) fn axis(&self) -> Axis {
+        self.axis
+    }
+
+    pub(super) fn node(&self) -> &Node {
+        &self.node
+    }
+
+    pub(super) fn cell(&self) -> &Cell {
+        &self.cell
+    }
+
+    pub(super) fn settings(&self) -> &AxisSettings {
+        &self.cell.axes[self.axis.index()]
+    }
+
+    pub(super) fn spec(&self) -> &AxisSpec {
+        &self.settings().spec
+    }
+
+    pub(super) fn board(&self) -> &Board {
+        &self.board
+    }
+
+    /// Measures, and shows the measurement on the board. A statusword that no standard knows is a failure.
+    pub(super) async fn sample(&self) -> Result<Sample, Failure> {
+        let position = self.node.read(objects::POSITION_ACTUAL).await?;
+        let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
+        let statusword = self.node.read_stamped(objects::STATUSWORD).await?;
+        let sample = Sample {
+            statusword: Statusword(statusword.value),
+            position: self.spec().drivetrain.to_position(position),
+            current_ma: f64::from(current_ma),
+            stamp: statusword.stamp,
+        };
+        self.board
+            .update_axis(self.axis, |state| state.sample = Some(sample));
+        match sample.statusword.state() {
+            Some(_) => Ok(sample),
+            None => Err(Failure::UnknownStatusword(sample.statusword)),
+        }
+    }
+
+    /// Brings the drive into a mode and into OPERATION_ENABLED. A drive in fault stays there.
+    pub(super) async fn enable(&self, mode: Mode) -> Result<(), Failure> {
+        self.node
+            .write(objects::MODES_OF_OPERATION, mode.code())
+            .await?;
+        let mut limit = Limit::new(TRANSITION_LIMIT);
+        loop {
+            let Sample {
+                statusword, stamp, ..
+            } = self.sample().await?;
+            let Some(state) = statusword.state() else {
+                return Err(Failure::UnknownStatusword(statusword));
+            };
+            let in_mode = self.node.read(objects::MODES_OF_OPERATION_DISPLAY).await? == mode.code();
+            match (state, towards_enabled(state)) {
+                (State::OperationEnabled, _) if in_mode => return Ok(()),
+                (State::Fault, _) => return Err(self.drive_fault().await),
+                // The mode must be right before the motor obeys.
+                (_, Some(command)) if in_mode => {
+                    self.node
+                        .write(objects::CONTROLWORD, command.controlword())
+                        .await?;
+                }
+                _ => {}
+            }
+            limit.check(stamp, state, "OPERATION_ENABLED")?;
+        }
+    }
+
+    /// Starts a move, in profile position mode; returns when the drive has taken it, with what watches it.
+    pub(super) async fn begin_profile(
+        &self,
+        profile: Profile,
+    ) -> Result<positioning::Watch, Failure> {
+        self.enable(Mode::ProfilePosition).await?;
+        let Profile {
+            target,
+            speed,
+            current_limit_ma,
+            following_error,
+        } = profile;
+        let (node, spec) = (&self.node, self.spec());
+        let drivetrain = &spec.drivetrain;
+        let acceleration = drivetrain.to_rpm(spec.acceleration);
+        node.write(objects::PROFILE_VELOCITY, drivetrain.to_rpm(speed))
+            .await?;
+        node.write(objects::PROFILE_ACCELERATION, acceleration)
+            .await?;
+        node.write(objects::PROFILE_DECELERATION, acceleration)
+            .await?;
+        // A jaw that was stopped by tissue stands away from where its profile ended; that lag is not an error.
+        let actual = node.read(objects::POSITION_ACTUAL).await?;
+        let lag = node.read(objects::POSITION_DEMAND).await?.abs_diff(actual);
+        let window = drivetrain
+            .to_quadcount_distance(following_error)
+            .saturating_add(lag);
+        node.write(objects::FOLLOWING_ERROR_WINDOW, window).await?;
+        node.write(
+            objects::OUTPUT_CURRENT_LIMIT,
+            current_limit_ma.round() as u32,
+        )
+        .await?;
+        node.write(objects::TARGET_POSITION, drivetrain.to_quadcounts(target))
+            .await?;
+        let enabled = Command::EnableOperation.controlword();
+        let start = enabled | profile_position::NEW_SETPOINT | profile_position::CHANGE_IMMEDIATELY;
+        node.write(objects::CONTROLWORD, enabled).await?;
+        let started = node.write(objects::CONTROLWORD, start).await?;
+        let mut limit = Limit::new(TRANSITION_LIMIT);
+        loop {
+            let Sample {
+                statusword,
+                stamp,
+                position,
+                ..
+            } = self.sample().await?;
+            match statusword.state() {
+                Some(State::OperationEnabled) => {}
+                Some(State::Fault) => return Err(self.drive_fault().await),
+                _ => {
+                    return Err(positioning::MoveError::LeftOperation {
+                        position,
+                        statusword,
+                    }
+                    .into());
+                }
+            }
+            if statusword.has(Statusword::SETPOINT_ACKNOWLEDGED) {
+                break;
+            }
+            limit.check(
+                stamp,
+                State::OperationEnabled,
+                "the acknowledge of the set point",
+            )?;
+        }
+        node.write(objects::CONTROLWORD, enabled).await?;
+        Ok(positioning::Watch::new(
+            spec,
+            drivetrain.to_position(actual),
+            target,
+            speed,
+            started,
+        ))
+    }
+
+    /// Brakes on the quick stop ramp; returns when the drive stands and no longer obeys targets.
+    pub(super) async fn quick_stop(&self) -> Result<(), Failure> {
+        self.node
+            .write_urgently(objects::CONTROLWORD, Command::QuickStop.controlword())
+            .await?;
+        let mut limit = Limit::new(TRANSITION_LIMIT);
+        loop {
+            let Sample {
+                statusword, stamp, ..
+            } = self.sample().await?;
+            let velocity_rpm = self.node.read(objects::VELOCITY_ACTUAL).await?;
+            let Some(state) = statusword.state() else {
+                return Err(Failure::UnknownStatusword(statusword));
+            };
+            if state != State::OperationEnabled && velocity_rpm.unsigned_abs() <= STANDSTILL_RPM {
+                return Ok(());
+            }
+            limit.check(stamp, state, "standstill after quick stop")?;
+        }
+    }
+
+    /// Acknowledges the drive's error, if it has one. The motor stays without power.
+    pub(super) async fn reset_fault(&self) -> Result<(), Failure> {
+        let mut limit = Limit::new(TRANSITION_LIMIT);
+        loop {
+            let Sample {
+                statusword, stamp, ..
+            } = self.sample().await?;
+            let Some(state) = statusword.state() else {
+                return Err(Failure::UnknownStatusword(statusword));
+            };
+            match state {
+                State::Fault => {
+                    // The reset is a rising edge.
+                    self.node
+                        .write(objects::CONTROLWORD, Command::DisableVoltage.controlword())
+                        .await?;
+                    self.node
+                        .write(objects::CONTROLWORD, Command::FaultReset.controlword())
+                        .await?;
+                    self.node
+                        .write(objects::CONTROLWORD, Command::DisableVoltage.controlword())
+                        .await?;
+                }
+                State::FaultReactionActive | State::NotReadyToSwitchOn => {}
+                _ => return Ok(()),
+            }
+            if limit.check(stamp, state, "a state without fault").is_err() {
+                return Err(self.drive_fault().await);
+            }
+        }
+    }
+
+    /// The drive's own word for its fault.
+    pub(super) async fn drive_fault(&self) -> Failure {
+        match self.node.read(objects::ERROR_CODE).await {
+            Ok(code) => Failure::DriveFault { code },
+            Err(error) => error.into(),
+        }
+    }
+}
+
+/// A limit on the clock of the bus, which begins with the first check.
+pub(super) struct Limit {
+    began: Option<Duration>,
+    limit: Duration,
+}
+
+impl Limit {
+    pub(super) fn new(limit: Duration) -> Self {
+        Self { began: None, limit }
+    }
+
+    pub(super) fn check(
+        &mut self,
+        stamp: Duration,
+        state: State,
+        wanted: &'static str,
+    ) -> Result<(), Failure> {
+        let began = *self.began.get_or_insert(stamp);
+        if stamp.saturating_sub(began) <= self.limit {
+            return Ok(());
+        }
+        Err(Failure::NoTransition {
+            state,
+            wanted,
+            limit_s: self.limit.as_secs_f64(),
+        })
+    }
+}

@@ -1,0 +1,356 @@
+//! Four small drives on a bus within the process. Their clock advances with every request that one of them answers, so
+//! that nothing depends on how fast the test runs.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use epos4_link::bus::{self, CanBus, in_process};
+use epos4_link::canopen::emcy::Emergency;
+use epos4_link::canopen::object::{Address, Object, Value};
+use epos4_link::canopen::sdo::server::{Dictionary, Length, Server};
+use epos4_link::canopen::sdo::{AbortCode, response_cob_id};
+use epos4_link::canopen::{heartbeat, nmt};
+use epos4_link::cia402::{Command, State, Statusword, homing, profile_position};
+use epos4_link::frame::Frame;
+use epos4_link::objects;
+use tokio::sync::watch;
+
+/// The bus with its drives. Clones are the same.
+#[derive(Clone)]
+pub(super) struct FakeCell {
+    bus: in_process::Bus,
+    /// In the order of the node ids, from 1.
+    pub(super) drives: watch::Sender<[Drive; 4]>,
+    micros_per_request: Arc<AtomicU64>,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Drive {
+    node_id: u8,
+    pub(super) objects: BTreeMap<Address, Vec<u8>>,
+    pub(super) nmt_state: nmt::State,
+    pub(super) state: State,
+    pub(super) homed: bool,
+    pub(super) position_qc: f64,
+    demand_qc: f64,
+    target_qc: Option<f64>,
+    homing_ends_in_us: Option<u64>,
+    controlword: u16,
+    /// What stops the motor when it moves forward.
+    pub(super) obstacle_qc: Option<f64>,
+    /// What the motor draws while it moves, mA.
+    pub(super) running_ma: i32,
+    /// Neither answers nor sends.
+    pub(super) dead: bool,
+    /// Read instead of the true statusword.
+    pub(super) statusword: Option<u16>,
+    pub(super) fault_persists: bool,
+    /// Controlwords in the order of their coming.
+    pub(super) controlwords: Vec<u16>,
+    /// Targets that were taken.
+    pub(super) targets_qc: Vec<i32>,
+}
+
+impl FakeCell {
+    pub(super) fn start() -> Self {
+        let clock = Arc::new(AtomicU64::new(0));
+        let read_clock = clock.clone();
+        let bus =
+            in_process::Bus::new(move || Duration::from_micros(read_clock.load(Ordering::Relaxed)));
+        let drives = watch::Sender::new([1, 2, 3, 4].map(Drive::new));
+        let cell = Self {
+            bus,
+            drives,
+            micros_per_request: Arc::new(AtomicU64::new(1000)),
+        };
+        tokio::spawn(cell.clone().run(clock));
+        cell
+    }
+
+    /// How much of the drives' time a request takes: with 1 a motion all but stands.
+    pub(super) fn set_micros_per_request(&self, micros: u64) {
+        self.micros_per_request.store(micros, Ordering::Relaxed);
+    }
+
+    pub(super) fn attach(&self) -> Box<dyn CanBus> {
+        Box::new(self.bus.attach())
+    }
+
+    /// Changes a drive; its node id counts from 1.
+    pub(super) fn change(&self, node_id: usize, change: impl FnOnce(&mut Drive)) {
+        self.drives
+            .send_modify(|drives| change(&mut drives[node_id - 1]));
+    }
+
+    pub(super) fn drive(&self, node_id: usize) -> Drive {
+        self.drives.borrow()[node_id - 1].clone()
+    }
+
+    /// Waits until a drive is as wanted.
+    pub(super) async fn until(&self, node_id: usize, wanted: impl Fn(&Drive) -> bool) {
+        let mut drives = self.drives.subscribe();
+        drives
+            .wait_for(|drives| wanted(&drives[node_id - 1]))
+            .await
+            .unwrap();
+    }
+
+    /// Sends an emergency and puts the drive into fault.
+    pub(super) fn fault(&self, node_id: usize, code: u16) {
+        self.change(node_id, |drive| drive.enter_fault(code));
+        let emergency = Emergency::new(code, 1).encode(node_id as u8);
+        self.bus.attach().send(emergency).unwrap();
+    }
+
+    pub(super) fn restart(&self, node_id: usize) {
+        self.change(node_id, |drive| *drive = Drive::new(node_id as u8));
+        self.bus
+            .attach()
+            .send(heartbeat::encode(node_id as u8, nmt::State::BootUp))
+            .unwrap();
+    }
+
+    async fn run(self, clock: Arc<AtomicU64>) {
+        let mut port = self.attach();
+        let mut servers = [(); 4].map(|()| Server::default());
+        loop {
+            let frame = match port.receive().await {
+                Ok(stamped) => stamped.frame,
+                Err(bus::Error::Closed(_)) => return,
+                Err(error) => panic!("{error}"),
+            };
+            let mut answers = Vec::new();
+            self.drives.send_modify(|drives| {
+                if let Some((command, target)) = nmt::decode(&frame) {
+                    for drive in drives
+                        .iter_mut()
+                        .filter(|drive| target.includes(drive.node_id) && !drive.dead)
+                    {
+                        assert_eq!(command, nmt::Command::Start);
+                        drive.nmt_state = nmt::State::Operational;
+                        answers.push(heartbeat::encode(drive.node_id, drive.nmt_state));
+                    }
+                }
+                let node_id = frame
+                    .cob_id()
+                    .filter(|id| (0x601..=0x604).contains(id))
+                    .map(|id| usize::from(id - 0x600));
+                let Some(node_id) = node_id else { return };
+                let step_us = self.micros_per_request.load(Ordering::Relaxed);
+                let now_us = clock.fetch_add(step_us, Ordering::Relaxed) + step_us;
+                for drive in drives.iter_mut() {
+                    answers.extend(drive.advance(now_us, step_us));
+                }
+                let drive = &mut drives[node_id - 1];
+                let request = frame.data().try_into().unwrap();
+                if let Some(answer) = servers[node_id - 1].answer(request, drive)
+                    && !drive.dead
+                {
+                    answers.push(Frame::standard(response_cob_id(node_id as u8), answer));
+                }
+            });
+            for answer in answers {
+                port.send(answer).unwrap();
+            }
+        }
+    }
+}
+
+impl Drive {
+    fn new(node_id: u8) -> Self {
+        let mut drive = Self {
+            node_id,
+            objects: BTreeMap::new(),
+            nmt_state: nmt::State::PreOperational,
+            state: State::SwitchOnDisabled,
+            homed: false,
+            position_qc: 5000.0,
+            demand_qc: 5000.0,
+            target_qc: None,
+            homing_ends_in_us: None,
+            controlword: 0,
+            obstacle_qc: None,
+            running_ma: 40,
+            dead: false,
+            statusword: None,
+            fault_persists: false,
+            controlwords: Vec::new(),
+            targets_qc: Vec::new(),
+        };
+        drive.set(objects::VENDOR_ID, 0xFB);
+        drive.set(objects::PRODUCT_CODE, 0x6050_0000);
+        drive.set(objects::REVISION_NUMBER, 0x0170_0000);
+        drive.set(objects::SERIAL_NUMBER, 1000 + u32::from(node_id));
+        drive.set(objects::MAIN_SENSOR_RESOLUTION, 2048);
+        drive.set(objects::PRODUCER_HEARTBEAT, 0);
+        drive.set(objects::MODES_OF_OPERATION, 1);
+        drive.set(objects::FOLLOWING_ERROR_WINDOW, 2000);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 4500);
+        for (input, function) in (1..).zip([0, 1, 2, 19, 255, 255, 255, 255]) {
+            drive.set(objects::digital_input_function(input), function);
+        }
+        drive
+    }
+
+    pub(super) fn set<T: Value>(&mut self, object: Object<T>, value: T) {
+        self.objects.insert(object.address, value.to_le_vec());
+    }
+
+    pub(super) fn get<T: Value + Default>(&self, object: Object<T>) -> T {
+        self.objects
+            .get(&object.address)
+            .and_then(|bytes| T::from_le_slice(bytes))
+            .unwrap_or_default()
+    }
+
+    fn enter_fault(&mut self, code: u16) {
+        self.state = State::Fault;
+        self.target_qc = None;
+        self.set(objects::ERROR_CODE, code);
+    }
+
+    fn advance(&mut self, now_us: u64, step_us: u64) -> Vec<Frame> {
+        let mut frames = Vec::new();
+        if self.dead {
+            return frames;
+        }
+        let period_us = 1000 * u64::from(self.get(objects::PRODUCER_HEARTBEAT));
+        if period_us > 0 && now_us / period_us > (now_us - step_us) / period_us {
+            frames.push(heartbeat::encode(self.node_id, self.nmt_state));
+        }
+        if let Some(us) = &mut self.homing_ends_in_us {
+            *us = us.saturating_sub(step_us);
+            if *us == 0 {
+                self.homing_ends_in_us = None;
+                self.homed = true;
+                self.position_qc = self.get(objects::HOME_POSITION).into();
+                self.demand_qc = self.position_qc;
+            }
+        }
+        if let (State::OperationEnabled, Some(target_qc)) = (self.state, self.target_qc) {
+            let step_qc =
+                f64::from(self.get(objects::PROFILE_VELOCITY)) / 60e6 * 2048.0 * step_us as f64;
+            self.demand_qc += (target_qc - self.demand_qc).clamp(-step_qc, step_qc);
+            self.position_qc = self.obstacle_qc.map_or(self.demand_qc, |obstacle_qc| {
+                self.demand_qc.min(obstacle_qc)
+            });
+            let lag_qc = (self.demand_qc - self.position_qc).abs();
+            if lag_qc > f64::from(self.get(objects::FOLLOWING_ERROR_WINDOW)) {
+                self.enter_fault(0x8611);
+                frames.push(Emergency::new(0x8611, 0x80).encode(self.node_id));
+            }
+        }
+        frames
+    }
+
+    fn on_controlword(&mut self, word: u16) {
+        let before = std::mem::replace(&mut self.controlword, word);
+        self.controlwords.push(word);
+        let rising = word & !before;
+        self.state = match (self.state, Command::from_controlword(before, word)) {
+            (State::Fault, Command::FaultReset) if !self.fault_persists => State::SwitchOnDisabled,
+            (State::Fault, _) => State::Fault,
+            (_, Command::DisableVoltage) => State::SwitchOnDisabled,
+            (State::OperationEnabled, Command::QuickStop) => State::QuickStopActive,
+            (State::SwitchOnDisabled | State::SwitchedOn, Command::Shutdown) => {
+                State::ReadyToSwitchOn
+            }
+            (State::ReadyToSwitchOn, Command::SwitchOn) => State::SwitchedOn,
+            (State::SwitchedOn | State::QuickStopActive, Command::EnableOperation) => {
+                State::OperationEnabled
+            }
+            (state, _) => state,
+        };
+        if self.state != State::OperationEnabled {
+            self.target_qc = None;
+            self.homing_ends_in_us = None;
+            return;
+        }
+        let mode = self.get(objects::MODES_OF_OPERATION);
+        if mode == 1 && rising & profile_position::NEW_SETPOINT != 0 {
+            let target_qc = self.get(objects::TARGET_POSITION);
+            self.targets_qc.push(target_qc);
+            self.target_qc = Some(target_qc.into());
+        }
+        if mode == 6 && rising & homing::START != 0 {
+            self.homed = false;
+            self.homing_ends_in_us = Some(200_000);
+        }
+    }
+
+    fn true_statusword(&self) -> u16 {
+        let mut word = match self.state {
+            State::NotReadyToSwitchOn => 0x00,
+            State::SwitchOnDisabled => 0x40,
+            State::ReadyToSwitchOn => 0x21,
+            State::SwitchedOn => 0x23,
+            State::OperationEnabled => 0x27,
+            State::QuickStopActive => 0x07,
+            State::FaultReactionActive => 0x0F,
+            State::Fault => 0x08,
+        };
+        if self.homed {
+            word |= Statusword::REFERENCED;
+        }
+        match self.get(objects::MODES_OF_OPERATION) {
+            1 if self.controlword & profile_position::NEW_SETPOINT != 0 => {
+                word |= Statusword::SETPOINT_ACKNOWLEDGED
+            }
+            6 if self.homed => word |= Statusword::HOMING_ATTAINED | Statusword::TARGET_REACHED,
+            _ => {}
+        }
+        if self
+            .target_qc
+            .is_some_and(|target_qc| target_qc == self.demand_qc)
+        {
+            word |= Statusword::TARGET_REACHED;
+        }
+        word
+    }
+
+    fn current_ma(&self) -> i32 {
+        match self.target_qc {
+            Some(_) if self.demand_qc != self.position_qc => {
+                self.get(objects::OUTPUT_CURRENT_LIMIT) as i32
+            }
+            Some(target_qc) if target_qc != self.demand_qc => self.running_ma,
+            _ => 0,
+        }
+    }
+}
+
+impl Dictionary for Drive {
+    fn read(&mut self, address: Address) -> Result<Vec<u8>, AbortCode> {
+        Ok(match (address.index, address.subindex) {
+            (0x6041, 0) => self
+                .statusword
+                .unwrap_or(self.true_statusword())
+                .to_le_vec(),
+            (0x6061, 0) => self.get(objects::MODES_OF_OPERATION).to_le_vec(),
+            (0x6062, 0) => (self.demand_qc as i32).to_le_vec(),
+            (0x6064, 0) => (self.position_qc as i32).to_le_vec(),
+            (0x606C, 0) => 0_i32.to_le_vec(),
+            (0x30D1, 2) => self.current_ma().to_le_vec(),
+            _ => {
+                return self
+                    .objects
+                    .get(&address)
+                    .cloned()
+                    .ok_or(AbortCode::NO_OBJECT);
+            }
+        })
+    }
+
+    fn write(&mut self, address: Address, data: &[u8], _: Length) -> Result<(), AbortCode> {
+        if self.dead {
+            return Ok(());
+        }
+        if address == objects::CONTROLWORD.address {
+            self.on_controlword(u16::from_le_bytes([data[0], data[1]]));
+        }
+        self.objects.insert(address, data.to_vec());
+        Ok(())
+    }
+}

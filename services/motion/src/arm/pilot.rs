@@ -1,0 +1,409 @@
+//! What decides for the owner of an arm: one command for each state, without input or output.
+
+use std::sync::Arc;
+
+use arthro_authority::{Operation, Outcome};
+use arthro_geometry::Point3;
+use tokio::sync::watch;
+use ur_link::{Command, State};
+
+use super::motion::{Motion, Step, stands};
+use super::owner::chain;
+use super::{ArmOptions, ArmState, DoneReply, Fault, MoveReply, Request};
+use crate::command::{Authorization, Commander, Progress};
+use crate::error::Error;
+use crate::kinematics::largest_difference;
+use crate::plan::{Move, Situation};
+use crate::supervisor::{Measured, Observation, Regime, Supervisor};
+
+/// Joints farther than this from where they were commanded are not at rest, rad.
+const APART_RAD: f64 = 0.02;
+/// Controller time that the program may be missing before a new link starts it again, s.
+const PROGRAM_MISSING_S: f64 = 1.0;
+
+/// Decides for one arm.
+pub struct Pilot {
+    pub options: Arc<ArmOptions>,
+    pub commander: Commander,
+    supervisor: Supervisor,
+    pub portal: Option<Point3>,
+    activity: Activity,
+    pub fault: Option<Fault>,
+    /// The last state of this link.
+    pub latest: Option<(State, Observation)>,
+    program_missing_since_s: Option<f64>,
+    /// Given once the state that they speak of is published.
+    pub answers: Vec<Answer>,
+}
+
+/// What somebody waits for.
+pub enum Answer {
+    Move(MoveReply, Result<watch::Receiver<Progress>, Error>),
+    Done(DoneReply, Result<(), Error>),
+    Ended(Box<Motion>, Operation),
+}
+
+enum Activity {
+    Standing,
+    Moving(Motion),
+    Stopping {
+        /// The move that was under way, and how it ends once the arm stands.
+        ends: Option<(Motion, Outcome)>,
+        /// Whether the order has gone out: only then the controller can have carried it out.
+        ordered: bool,
+    },
+}
+
+impl Pilot {
+    pub fn new(options: Arc<ArmOptions>, commander: Commander) -> Self {
+        Self {
+            supervisor: Supervisor::new(options.arm, options.limits.clone()),
+            portal: options.portal,
+            options,
+            commander,
+            activity: Activity::Standing,
+            fault: None,
+            latest: None,
+            program_missing_since_s: None,
+            answers: Vec::new(),
+        }
+    }
+
+    pub fn begin_link(&mut self) {
+        self.supervisor.forget_time();
+        self.program_missing_since_s = None;
+    }
+
+    /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
+    pub fn observe(&mut self, state: &State) {
+        let measured = measured(state);
+        let seen = self.supervisor.observe(&measured, self.portal.as_ref());
+        self.latest = Some((*state, seen));
+        let regime = match &self.activity {
+            Activity::Moving(motion) => motion.regime(),
+            Activity::Standing | Activity::Stopping { .. } => Regime::Standing,
+        };
+        if let Err(breach) = self.supervisor.check(regime, &measured, &seen) {
+            self.latch(breach.reason, breach.detail);
+        }
+        let Activity::Moving(motion) = &self.activity else {
+            return;
+        };
+        if let Some(fault) = state.program.fault {
+            let detail = format!("the program on the controller stopped the arm: {fault:?}");
+            self.latch("CONTROLLER_FAULT", detail);
+        } else if !state.program.ready {
+            let detail = "the program on the controller ended during a move".to_owned();
+            self.latch("PROGRAM_ENDED", detail);
+        } else if let Err(refusal) = self.commander.check(motion.by.fencing_token) {
+            tracing::warn!(arm = self.options.name, %refusal, "lease lost during a move");
+            self.stop(refusal.reason(), &refusal.to_string());
+        }
+    }
+
+    /// What to send for this state.
+    pub fn command(&mut self, state: &State) -> Command {
+        match &mut self.activity {
+            // A fault on the controller must not be acknowledged before ours is.
+            Activity::Standing if self.fault.is_some() => Command::Stop,
+            Activity::Standing => Command::Hold,
+            Activity::Stopping { ordered, .. } => {
+                let program = &state.program;
+                let over = program.finished() || !program.ready || program.fault.is_some();
+                if *ordered && over && stands(state) {
+                    self.come_to_stand();
+                }
+                if let Activity::Stopping { ordered, .. } = &mut self.activity {
+                    *ordered = true;
+                }
+                Command::Stop
+            }
+            Activity::Moving(motion) => {
+                let Some((_, seen)) = &self.latest else {
+                    return Command::Stop;
+                };
+                match motion.step(state, seen, self.options.period_s) {
+                    Step::Go(command) => command,
+                    Step::Arrived => {
+                        let detail = motion.summary();
+                        self.halt(Outcome::Done { detail });
+                        self.come_to_stand();
+                        Command::Hold
+                    }
+                    Step::Failed(reason, detail) => {
+                        self.latch(reason, detail);
+                        Command::Stop
+                    }
+                }
+            }
+        }
+    }
+
+    pub fn serve(&mut self, request: Request) {
+        match request {
+            Request::Move { by, wanted, reply } => {
+                let began = self
+                    .begin(&by, &wanted)
+                    .map_err(|error| self.commander.refuse(&by.operation_id, error));
+                self.answers.push(Answer::Move(reply, began));
+            }
+            Request::SetPortal { by, portal, reply } => {
+                let outcome = self.set_portal(portal);
+                self.answers
+                    .push(Answer::Done(reply, self.record(&by, outcome)));
+            }
+            Request::RecoverFault { by, reply } => {
+                let outcome = self.recover();
+                self.answers
+                    .push(Answer::Done(reply, self.record(&by, outcome)));
+            }
+        }
+    }
+
+    fn begin(
+        &mut self,
+        by: &Authorization,
+        wanted: &Move,
+    ) -> Result<watch::Receiver<Progress>, Error> {
+        let (state, seen) = self.ready()?;
+        let situation = Situation {
+            arm: &self.options.arm,
+            limits: &self.options.limits,
+            period_s: self.options.period_s,
+            portal: self.portal,
+            joints_rad: &state.target_q,
+            seen: &seen,
+        };
+        let plan = situation.plan(wanted)?;
+        let (motion, progress) = Motion::new(
+            by.clone(),
+            plan,
+            state.target_q,
+            &self.options.arm,
+            &self.options.limits,
+        );
+        self.commander.follow(&by.operation_id, progress.clone());
+        self.activity = Activity::Moving(motion);
+        tracing::info!(
+            arm = self.options.name,
+            operation = by.operation_id,
+            "move begins"
+        );
+        Ok(progress)
+    }
+
+    /// The latest state, if a move may begin from it.
+    fn ready(&self) -> Result<(State, Observation), Error> {
+        let (state, seen) = self.latest.ok_or_else(|| self.not_connected())?;
+        if let Some(fault) = &self.fault {
+            return Err(Error::Faulted {
+                reason: fault.reason.to_owned(),
+                detail: fault.detail.clone(),
+            });
+        }
+        if !self.is_standing() || !stands(&state) {
+            return Err(Error::Moving);
+        }
+        let not_ready = |detail: String| Err(Error::NotReady { detail });
+        if let Some(fault) = state.program.fault {
+            return not_ready(format!("its program has yet to clear the fault {fault:?}"));
+        }
+        if !state.program.ready {
+            return not_ready("its program does not run".to_owned());
+        }
+        let (joint, apart_rad) = largest_difference(&state.target_q, &state.actual_q);
+        if apart_rad > APART_RAD {
+            let joint = joint + 1;
+            return not_ready(format!(
+                "joint {joint} is {apart_rad:.4} rad from where it was commanded; limit {APART_RAD} rad"
+            ));
+        }
+        Ok((state, seen))
+    }
+
+    fn set_portal(&mut self, portal: Point3) -> Result<(), Error> {
+        let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
+        if !self.is_standing() {
+            return Err(Error::Moving);
+        }
+        if let Some(placement) = seen.placement.filter(|_| seen.inside) {
+            return Err(Error::ToolInside {
+                depth_mm: placement.depth_mm,
+            });
+        }
+        self.portal = Some(portal);
+        Ok(())
+    }
+
+    fn recover(&mut self) -> Result<(), Error> {
+        let (state, seen) = self.latest.ok_or_else(|| self.not_connected())?;
+        if !self.is_standing() {
+            return Err(Error::Moving);
+        }
+        let Some(fault) = &self.fault else {
+            return Ok(());
+        };
+        if fault.reason == "RCM_DEVIATION" {
+            self.supervisor.acknowledge(&seen);
+        }
+        let measured = measured(&state);
+        self.supervisor
+            .check(Regime::Standing, &measured, &seen)
+            .map_err(|breach| Error::FaultLasts {
+                reason: breach.reason,
+                detail: breach.detail,
+            })?;
+        tracing::info!(
+            arm = self.options.name,
+            reason = fault.reason,
+            "fault recovered"
+        );
+        self.fault = None;
+        Ok(())
+    }
+
+    /// Remembers how a command that is done at once came out.
+    fn record(&self, by: &Authorization, outcome: Result<(), Error>) -> Result<(), Error> {
+        match outcome {
+            Ok(()) => {
+                let detail = String::new();
+                self.commander
+                    .finish(&by.operation_id, Outcome::Done { detail });
+                Ok(())
+            }
+            Err(error) => Err(self.commander.refuse(&by.operation_id, error)),
+        }
+    }
+
+    /// The first fault stands until it is recovered; whatever moves is stopped.
+    fn latch(&mut self, reason: &'static str, detail: String) {
+        if self.fault.is_none() {
+            tracing::error!(arm = self.options.name, reason, detail, "fault latched");
+            self.fault = Some(Fault {
+                reason,
+                detail: detail.clone(),
+            });
+            let reason = reason.to_owned();
+            self.halt(Outcome::Failed { reason, detail });
+        }
+    }
+
+    pub fn stop(&mut self, reason: &str, detail: &str) {
+        self.halt(Outcome::Stopped {
+            reason: reason.to_owned(),
+            detail: detail.to_owned(),
+        });
+    }
+
+    /// Orders a stop; a move under way will end with `outcome`.
+    fn halt(&mut self, outcome: Outcome) {
+        self.activity = match std::mem::replace(&mut self.activity, Activity::Standing) {
+            Activity::Moving(motion) => Activity::Stopping {
+                ends: Some((motion, outcome)),
+                ordered: false,
+            },
+            Activity::Standing => Activity::Stopping {
+                ends: None,
+                ordered: false,
+            },
+            stopping @ Activity::Stopping { .. } => stopping,
+        };
+    }
+
+    fn come_to_stand(&mut self) {
+        let activity = std::mem::replace(&mut self.activity, Activity::Standing);
+        if let Activity::Stopping {
+            ends: Some((motion, outcome)),
+            ..
+        } = activity
+        {
+            let operation = self.commander.finish(&motion.by.operation_id, outcome);
+            tracing::info!(
+                arm = self.options.name,
+                operation = operation.id,
+                state = ?operation.state,
+                reason = operation.reason,
+                detail = operation.detail,
+                "move ended"
+            );
+            self.answers
+                .push(Answer::Ended(Box::new(motion), operation));
+        }
+    }
+
+    /// A link that is lost in a move is a fault; the controller stops by itself when it hears nothing.
+    pub fn lose_link(&mut self, error: &ur_link::Error) {
+        if !self.is_standing() {
+            let detail = format!("the link was lost during a move: {}", chain(error));
+            self.latch("LINK_LOST", detail);
+            self.come_to_stand();
+        }
+        self.latest = None;
+    }
+
+    /// Whether our program has been away so long that only a new link brings it back.
+    pub fn program_is_missing(&mut self, state: &State) -> bool {
+        if state.program.ready || self.fault.is_some() || !self.is_standing() {
+            self.program_missing_since_s = None;
+            return false;
+        }
+        let since_s = *self
+            .program_missing_since_s
+            .get_or_insert(state.timestamp_s);
+        state.timestamp_s - since_s > PROGRAM_MISSING_S
+    }
+
+    pub fn is_standing(&self) -> bool {
+        matches!(self.activity, Activity::Standing)
+    }
+
+    pub fn not_connected(&self) -> Error {
+        Error::NotConnected {
+            arm: self.options.name,
+            address: self.options.address.clone(),
+        }
+    }
+
+    pub fn state(&self) -> Option<ArmState> {
+        let (state, seen) = self.latest.as_ref()?;
+        let motion = match &self.activity {
+            Activity::Moving(motion) => Some(motion),
+            Activity::Stopping { ends, .. } => ends.as_ref().map(|(motion, _)| motion),
+            Activity::Standing => None,
+        };
+        Some(ArmState {
+            time_s: state.timestamp_s,
+            joints_rad: state.actual_q,
+            base_from_tool: seen.base_from_tool,
+            robot_mode: state.robot_mode,
+            safety_mode: state.safety_mode,
+            moving: !self.is_standing(),
+            inside: seen.inside,
+            placement: seen.placement,
+            fault: self.fault.clone(),
+            speed_scaling: state.speed_scaling,
+            operation_id: motion.map(|motion| motion.by.operation_id.clone()),
+        })
+    }
+}
+
+impl Answer {
+    /// A caller that has gone needs none: what it asked for stands all the same.
+    pub fn give(self) {
+        match self {
+            Self::Move(reply, outcome) => drop(reply.send(outcome)),
+            Self::Done(reply, outcome) => drop(reply.send(outcome)),
+            Self::Ended(motion, operation) => motion.end(operation),
+        }
+    }
+}
+
+fn measured(state: &State) -> Measured {
+    Measured {
+        time_s: state.timestamp_s,
+        joints_rad: state.actual_q,
+        joint_speeds_rad_s: state.actual_qd,
+        robot_mode: state.robot_mode,
+        safety_mode: state.safety_mode,
+    }
+}

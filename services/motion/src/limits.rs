@@ -1,0 +1,68 @@
+//! What an arm may do, all in mm, rad and s.
+
+use serde::{Deserialize, Serialize};
+
+/// Limits of one arm. The planner keeps within them; the supervisor checks what was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limits {
+    /// The shaft's distance to the portal while inside: the supervisor stops beyond it, mm.
+    pub rcm_stop_mm: f64,
+    /// Speed of the tip in free moves, mm/s.
+    pub free_speed_mm_s: f64,
+    /// Acceleration of the tip in free moves, mm/s2.
+    pub free_acceleration_mm_s2: f64,
+    /// Speed of the tip along the shaft, mm/s.
+    pub inside_speed_mm_s: f64,
+    /// Acceleration of the tip along the shaft, mm/s2.
+    pub inside_acceleration_mm_s2: f64,
+    /// Turning about the portal, rad/s.
+    pub pivot_speed_rad_s: f64,
+    /// Acceleration of the turning, rad/s2.
+    pub pivot_acceleration_rad_s2: f64,
+    /// Speed of any joint, rad/s. The supervisor stops at 1.2 times as much.
+    pub joint_speed_rad_s: f64,
+    /// Acceleration of any joint, rad/s2.
+    pub joint_acceleration_rad_s2: f64,
+    /// Deepest tip beyond the portal, mm.
+    pub depth_max_mm: f64,
+    /// Controller time without a new state after which a moving arm is stopped, s.
+    pub stale_s: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            rcm_stop_mm: 1.0,
+            free_speed_mm_s: 100.0,
+            free_acceleration_mm_s2: 300.0,
+            inside_speed_mm_s: 20.0,
+            inside_acceleration_mm_s2: 60.0,
+            pivot_speed_rad_s: 0.25,
+            pivot_acceleration_rad_s2: 0.75,
+            joint_speed_rad_s: 1.0,
+            joint_acceleration_rad_s2: 3.0,
+            depth_max_mm: 80.0,
+            stale_s: 0.1,
+        }
+    }
+}
+
+impl Limits {
+    /// The limits by name, for checks of a configuration.
+    pub fn named(&self) -> [(&'static str, f64); 11] {
+        [
+            ("rcm_stop_mm", self.rcm_stop_mm),
+            ("free_speed_mm_s", self.free_speed_mm_s),
+            ("free_acceleration_mm_s2", self.free_acceleration_mm_s2),
+            ("inside_speed_mm_s", self.inside_speed_mm_s),
+            ("inside_acceleration_mm_s2", self.inside_acceleration_mm_s2),
+            ("pivot_speed_rad_s", self.pivot_speed_rad_s),
+            ("pivot_acceleration_rad_s2", self.pivot_acceleration_rad_s2),
+            ("joint_speed_rad_s", self.joint_speed_rad_s),
+            ("joint_acceleration_rad_s2", self.joint_acceleration_rad_s2),
+            ("depth_max_mm", self.depth_max_mm),
+            ("stale_s", self.stale_s),
+        ]
+    }
+}

@@ -1,0 +1,184 @@
+//! Why a plan is refused, and the one table that maps it to a status.
+
+use arthro_bootstrap::status;
+use arthro_geometry::{Point3, volume};
+use tonic::Status;
+
+use crate::contour;
+
+/// Why there is no plan.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A value that cannot be right whatever the model.
+    #[error("{field} {problem}")]
+    Invalid {
+        /// The field of the request.
+        field: &'static str,
+        /// Value and limit.
+        problem: String,
+    },
+    /// The surface is no solid.
+    #[error(transparent)]
+    Surface(#[from] volume::Error),
+    /// The points have no spline.
+    #[error(transparent)]
+    Contour(#[from] contour::Error),
+    /// The surface has no free edge and rim around an opening.
+    #[error("the surface is no crescent: {problem}")]
+    NotACrescent {
+        /// What is missing, with numbers.
+        problem: String,
+    },
+    /// The search ended without reaching the goal.
+    #[error("no path to the goal after {iterations} iterations, {left_mm:.1} mm are left")]
+    NoPath {
+        /// Iterations made.
+        iterations: u32,
+        /// Distance from the nearest node to the goal, mm.
+        left_mm: f64,
+    },
+    /// The contour comes closer to the rim than allowed and the lesion does not demand it.
+    #[error(
+        "the contour leaves a rim of {rim_mm:.2} mm at ({:.1}, {:.1}, {:.1}) mm, the limit is {limit_mm} mm",
+        at.x, at.y, at.z
+    )]
+    RimBelowLimit {
+        /// Rim left, mm.
+        rim_mm: f64,
+        /// Rim demanded, mm.
+        limit_mm: f64,
+        /// Where, in ct, mm.
+        at: Point3,
+    },
+    /// Lesion points that are not in the model.
+    #[error(
+        "{outside_percent:.1} % of the lesion lie outside the model, up to {farthest_mm:.1} mm or more away; the limit is {limit_percent} %"
+    )]
+    LesionOutsideModel {
+        /// Share of the points, percent.
+        outside_percent: f64,
+        /// How far, mm, as far as looked.
+        farthest_mm: f64,
+        /// Share allowed, percent.
+        limit_percent: f64,
+    },
+    /// The contour from start to goal cannot go around the lesion.
+    #[error(
+        "{beyond_percent:.1} % of the lesion lie beyond start and goal; the limit is {limit_percent} %"
+    )]
+    LesionBeyondPath {
+        /// Share of the points, percent.
+        beyond_percent: f64,
+        /// Share allowed, percent.
+        limit_percent: f64,
+    },
+    /// The contour runs along the free edge.
+    #[error("{region_mm3:.2} mm3 lie inboard of the contour, the least is {limit_mm3} mm3")]
+    NothingToRemove {
+        /// Volume of the region, mm3.
+        region_mm3: f64,
+        /// Least volume worth a bite, mm3.
+        limit_mm3: f64,
+    },
+    /// Every bite that would clear some of the region has its centre outside the target box or cuts
+    /// the rim that must be left.
+    #[error("no bite inside the target box clears any of the {region_mm3:.2} mm3 to be removed")]
+    NoBite {
+        /// Volume of the region, mm3.
+        region_mm3: f64,
+    },
+    /// The caller went away.
+    #[error("the caller went away")]
+    Cancelled,
+}
+
+impl Error {
+    /// A value that cannot be right whatever the model.
+    pub fn invalid(field: &'static str, problem: impl Into<String>) -> Self {
+        Self::Invalid {
+            field,
+            problem: problem.into(),
+        }
+    }
+}
+
+impl From<Error> for Status {
+    fn from(error: Error) -> Self {
+        let message = error.to_string();
+        let mm = |value: f64| format!("{value:.2}");
+        match error {
+            Error::Invalid { field, problem } => status::invalid(field, problem),
+            Error::Surface(volume::Error::Voxel { .. } | volume::Error::TooManyVoxels { .. }) => {
+                status::invalid("options.voxel_mm", message)
+            }
+            Error::Surface(_) => status::invalid("model", message),
+            Error::NotACrescent { .. } => status::invalid("model", message),
+            Error::Contour(contour::Error::ControlPoints { .. }) => {
+                status::invalid("control_point_count", message)
+            }
+            Error::Contour(_) => status::invalid("points", message),
+            Error::NoPath {
+                iterations,
+                left_mm,
+            } => status::refused(
+                "NO_PATH",
+                message,
+                &[
+                    ("iterations", iterations.to_string()),
+                    ("left_mm", mm(left_mm)),
+                ],
+            ),
+            Error::RimBelowLimit {
+                rim_mm,
+                limit_mm,
+                at,
+            } => status::refused(
+                "RIM_BELOW_LIMIT",
+                message,
+                &[
+                    ("rim_mm", mm(rim_mm)),
+                    ("limit_mm", mm(limit_mm)),
+                    ("x_mm", mm(at.x)),
+                    ("y_mm", mm(at.y)),
+                    ("z_mm", mm(at.z)),
+                ],
+            ),
+            Error::LesionOutsideModel {
+                outside_percent,
+                farthest_mm,
+                limit_percent,
+            } => status::refused(
+                "LESION_OUTSIDE_MODEL",
+                message,
+                &[
+                    ("outside_percent", mm(outside_percent)),
+                    ("farthest_mm", mm(farthest_mm)),
+                    ("limit_percent", mm(limit_percent)),
+                ],
+            ),
+            Error::LesionBeyondPath {
+                beyond_percent,
+                limit_percent,
+            } => status::refused(
+                "LESION_BEYOND_PATH",
+                message,
+                &[
+                    ("beyond_percent", mm(beyond_percent)),
+                    ("limit_percent", mm(limit_percent)),
+                ],
+            ),
+            Error::NothingToRemove {
+                region_mm3,
+                limit_mm3,
+            } => status::refused(
+                "NOTHING_TO_REMOVE",
+                message,
+                &[("region_mm3", mm(region_mm3)), ("limit_mm3", mm(limit_mm3))],
+            ),
+            Error::NoBite { region_mm3 } => {
+                status::refused("NO_BITE", message, &[("region_mm3", mm(region_mm3))])
+            }
+            Error::Cancelled => Status::cancelled(message),
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! The gRPC side: requests into the domain, results and refusals out. Nothing is decided here.
+//!
+//! A computation runs on a blocking thread. It hears that the client went when the answer's channel
+//! closes, which also happens when the deadline passes.
+
+mod answer;
+mod intake;
+mod options;
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+use arthro_bootstrap::status;
+use arthro_proto::planning::v1::planning_service_server::PlanningService;
+use arthro_proto::planning::v1::{
+    EvaluateResectionRequest, EvaluateResectionResponse, FitContourRequest, FitContourResponse,
+    PlanResectionRequest, PlanResectionResponse, plan_resection_response,
+};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Response, Status, Streaming};
+
+use crate::config::Config;
+use crate::contour::Spline;
+use crate::plan::{self, Progress};
+
+/// Events that may wait for a slow client.
+const EVENTS: usize = 16;
+/// Most samples that `FitContour` answers.
+const MAX_SAMPLES: f64 = 50_000.0;
+
+type Event = Result<PlanResectionResponse, Status>;
+
+/// Serves `arthro.planning.v1.PlanningService`.
+#[derive(Clone, Debug)]
+pub struct Planning {
+    computations: Arc<Semaphore>,
+}
+
+impl Planning {
+    /// A service with the limits of `config`.
+    pub fn new(config: &Config) -> Self {
+        Self {
+            computations: Arc::new(Semaphore::new(config.max_computations)),
+        }
+    }
+
+    /// Waits for a computation's turn, before the input is read: what waits holds no memory.
+    async fn turn(&self) -> Result<OwnedSemaphorePermit, Status> {
+        let turn = self.computations.clone().acquire_owned().await;
+        turn.map_err(|_| Status::unavailable("the server is shutting down"))
+    }
+}
+
+#[tonic::async_trait]
+impl PlanningService for Planning {
+    type PlanResectionStream = ReceiverStream<Event>;
+
+    async fn fit_contour(
+        &self,
+        request: Request<FitContourRequest>,
+    ) -> Result<Response<FitContourResponse>, Status> {
+        let wanted = options::Contour::read(request.into_inner())?;
+        let turn = self.turn().await?;
+        let answer = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            fit_contour(&wanted)
+        });
+        answer.await.map_err(crashed)?.map(Response::new)
+    }
+
+    async fn plan_resection(
+        &self,
+        request: Request<Streaming<PlanResectionRequest>>,
+    ) -> Result<Response<Self::PlanResectionStream>, Status> {
+        let turn = self.turn().await?;
+        let request = intake::plan(request.into_inner()).await?;
+        let (events, answer) = mpsc::channel(EVENTS);
+        let last = events.clone();
+        tokio::spawn(async move {
+            let work = tokio::task::spawn_blocking(move || {
+                let _turn = turn;
+                plan_resection(&request, &events)
+            });
+            let result = work.await.map_err(crashed).and_then(|result| result);
+            if let Err(status) = &result {
+                tracing::info!(code = ?status.code(), message = status.message(), "no plan");
+            }
+            // A client that went away needs no answer.
+            let _ = last.send(result).await;
+        });
+        Ok(Response::new(ReceiverStream::new(answer)))
+    }
+
+    async fn evaluate_resection(
+        &self,
+        request: Request<Streaming<EvaluateResectionRequest>>,
+    ) -> Result<Response<EvaluateResectionResponse>, Status> {
+        let turn = self.turn().await?;
+        let wanted = intake::evaluation(request.into_inner()).await?;
+        let answer = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            plan::evaluate(&wanted)
+        });
+        let evaluation = answer.await.map_err(crashed)??;
+        Ok(Response::new(EvaluateResectionResponse {
+            evaluation: Some(answer::evaluation(&evaluation)),
+        }))
+    }
+}
+
+fn fit_contour(wanted: &options::Contour) -> Result<FitContourResponse, Status> {
+    let spline = Spline::fit(&wanted.points, wanted.control_points).map_err(crate::Error::from)?;
+    let samples = spline.length_mm() / wanted.spacing_mm;
+    if !samples.is_finite() || samples > MAX_SAMPLES {
+        return Err(status::invalid(
+            "spacing_mm",
+            format!(
+                "is {} mm on a contour of {:.1} mm; at most {MAX_SAMPLES} samples are answered",
+                wanted.spacing_mm,
+                spline.length_mm()
+            ),
+        ));
+    }
+    Ok(answer::contour(&spline, wanted))
+}
+
+fn plan_resection(
+    request: &plan::Request,
+    events: &mpsc::Sender<Event>,
+) -> Result<PlanResectionResponse, Status> {
+    let began = Instant::now();
+    let mut stage = "";
+    let mut watch = |progress: Progress| {
+        let event = Ok(answer::progress(&progress));
+        let heard = if progress.stage == stage {
+            // Within a stage a slow client misses some reports rather than slowing the work.
+            !matches!(
+                events.try_send(event),
+                Err(mpsc::error::TrySendError::Closed(_))
+            )
+        } else {
+            stage = progress.stage;
+            events.blocking_send(event).is_ok()
+        };
+        if heard {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
+    };
+    let plan = plan::plan(request, &mut watch)?;
+    let seconds = began.elapsed().as_secs_f64();
+    tracing::info!(
+        bites = plan.bites.len(),
+        lesion_covered_percent = plan.evaluation.lesion_covered_percent,
+        rim_min_mm = plan.evaluation.rim_min_mm,
+        seconds,
+        "resection planned"
+    );
+    Ok(PlanResectionResponse {
+        event: Some(plan_resection_response::Event::Plan(answer::plan(
+            &plan, seconds,
+        ))),
+    })
+}
+
+fn crashed(error: tokio::task::JoinError) -> Status {
+    tracing::error!(%error, "a computation crashed");
+    Status::internal("the computation crashed")
+}

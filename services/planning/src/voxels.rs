@@ -1,0 +1,190 @@
+//! The solid voxel space of the meniscus in the axes of its crescent.
+//!
+//! The voxels lie along the crescent's axes, not the scanner's, so that the same meniscus has the
+//! same voxels however it lies in the CT.
+
+use arthro_geometry::volume::{Grid, Solid};
+use arthro_geometry::{Mesh, Point3, Vector3};
+
+use crate::crescent::Crescent;
+use crate::error::Error;
+
+/// The tissue as voxels, column by column along the superior axis.
+#[derive(Clone, Debug)]
+pub struct Voxels {
+    solid: Solid,
+    /// Centres of the voxels of tissue, mm, column by column.
+    centers: Vec<Point3>,
+    /// First voxel of each column in `centers`, and one more at the end.
+    columns: Vec<usize>,
+    /// Half the greatest height of tissue above or below the origin, mm.
+    reach_mm: f64,
+}
+
+impl Voxels {
+    /// Fills a closed surface with voxels; around it the grid leaves `margin_mm`.
+    pub fn of(
+        mesh: &Mesh,
+        crescent: &Crescent,
+        voxel_mm: f64,
+        margin_mm: f64,
+    ) -> Result<Self, Error> {
+        let mesh = crescent.localize(mesh);
+        let (low, high) = mesh.bounds().ok_or(arthro_geometry::volume::Error::Empty)?;
+        let margin = Vector3::repeat(margin_mm);
+        let grid = Grid::covering(&(low - margin), &(high + margin), voxel_mm)?;
+        let solid = Solid::on(grid, &mesh)?;
+        let [width, depth, height] = solid.grid.size;
+        let mut centers = Vec::new();
+        let mut columns = vec![0];
+        for j in 0..depth {
+            for i in 0..width {
+                let cells = (0..height).map(|k| [i, j, k]);
+                centers.extend(
+                    cells
+                        .filter(|&cell| solid.is_inside(cell))
+                        .map(|cell| solid.grid.center(cell)),
+                );
+                columns.push(centers.len());
+            }
+        }
+        Ok(Self {
+            solid,
+            centers,
+            columns,
+            reach_mm: low.z.abs().max(high.z.abs()),
+        })
+    }
+
+    /// Centres of all voxels of tissue, mm.
+    pub fn centers(&self) -> &[Point3] {
+        &self.centers
+    }
+
+    /// Edge of a voxel, mm.
+    pub fn voxel_mm(&self) -> f64 {
+        self.solid.grid.voxel_mm
+    }
+
+    /// Volume of a voxel, mm3.
+    pub fn voxel_mm3(&self) -> f64 {
+        self.voxel_mm().powi(3)
+    }
+
+    /// The greatest height of tissue above or below the origin, mm.
+    pub fn reach_mm(&self) -> f64 {
+        self.reach_mm
+    }
+
+    /// Distance of a point to the nearest voxel of tissue as far as `limit_mm`; 0 inside.
+    pub fn distance_mm(&self, point: &Point3, limit_mm: f64) -> Option<f64> {
+        let grid = &self.solid.grid;
+        let reach = (limit_mm / grid.voxel_mm).ceil() + 1.0;
+        let position = (point - grid.origin) / grid.voxel_mm;
+        let range = |axis: usize| {
+            let end = grid.size[axis] as f64;
+            let low = (position[axis] - reach).round().clamp(0.0, end) as usize;
+            let high = (position[axis] + reach + 1.0).round().clamp(0.0, end) as usize;
+            low..high
+        };
+        let half = 0.5 * grid.voxel_mm;
+        let mut nearest = f64::INFINITY;
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    if self.solid.is_inside([i, j, k]) {
+                        let offset = point - grid.center([i, j, k]);
+                        let outside = offset.map(|value| (value.abs() - half).max(0.0));
+                        nearest = nearest.min(outside.norm_squared());
+                    }
+                }
+            }
+        }
+        let distance_mm = nearest.sqrt();
+        (distance_mm <= limit_mm).then_some(distance_mm)
+    }
+
+    /// Height of the middle of the tissue at a place in the plane, mm; beside the tissue that of the
+    /// nearest column within `limit_mm`.
+    pub fn middle_mm(&self, x: f64, y: f64, limit_mm: f64) -> Option<f64> {
+        let mut nearest = (f64::INFINITY, 0.0);
+        self.for_columns_near(x, y, limit_mm, |column| {
+            let (low, high) = (&column[0], &column[column.len() - 1]);
+            let squared = (low.x - x).powi(2) + (low.y - y).powi(2);
+            if squared < nearest.0 {
+                nearest = (squared, 0.5 * (low.z + high.z));
+            }
+        });
+        nearest.0.is_finite().then_some(nearest.1)
+    }
+
+    /// Indices of the voxels in the columns within `radius_mm` (along each axis) of a place.
+    pub fn near(&self, x: f64, y: f64, radius_mm: f64) -> impl Iterator<Item = usize> + '_ {
+        let width = self.solid.grid.size[0];
+        let (columns, rows) = self.window(x, y, radius_mm);
+        rows.flat_map(move |j| {
+            let row = j * width;
+            self.columns[row + columns.start]..self.columns[row + columns.end]
+        })
+    }
+
+    fn for_columns_near(&self, x: f64, y: f64, radius_mm: f64, mut visit: impl FnMut(&[Point3])) {
+        let width = self.solid.grid.size[0];
+        let (columns, rows) = self.window(x, y, radius_mm);
+        for column in rows.flat_map(|j| columns.clone().map(move |i| j * width + i)) {
+            let voxels = &self.centers[self.columns[column]..self.columns[column + 1]];
+            if !voxels.is_empty() {
+                visit(voxels);
+            }
+        }
+    }
+
+    fn window(
+        &self,
+        x: f64,
+        y: f64,
+        radius_mm: f64,
+    ) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+        let grid = &self.solid.grid;
+        let range = |axis: usize, value: f64| {
+            let end = grid.size[axis] as f64;
+            let position = |at: f64| (at - grid.origin[axis]) / grid.voxel_mm;
+            let low = position(value - radius_mm).ceil().clamp(0.0, end) as usize;
+            let high = (position(value + radius_mm).floor() + 1.0).clamp(0.0, end) as usize;
+            low..high.max(low)
+        };
+        (range(0, x), range(1, y))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arthro_geometry::phantom;
+
+    fn phantom_voxels() -> (Crescent, Voxels) {
+        let mesh = phantom::mesh();
+        let crescent = Crescent::of(&mesh, &phantom::PORTAL_ANTEROLATERAL).unwrap();
+        let voxels = Voxels::of(&mesh, &crescent, 0.5, 1.0).unwrap();
+        (crescent, voxels)
+    }
+
+    #[test]
+    fn the_voxels_have_the_volume_of_the_mesh() {
+        let (_, voxels) = phantom_voxels();
+        let volume_mm3 = voxels.centers().len() as f64 * voxels.voxel_mm3();
+        assert!((volume_mm3 / phantom::mesh().volume_mm3() - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn distance_is_zero_inside_and_grows_outside() {
+        let (crescent, voxels) = phantom_voxels();
+        let local = |point: Point3| crescent.ct_from_meniscal.inverse() * point;
+        assert_eq!(voxels.distance_mm(&local(phantom::START), 1.0), Some(0.0));
+        let below = local(phantom::GOAL - phantom::SUPERIOR * 2.8);
+        let distance_mm = voxels.distance_mm(&below, 1.5).unwrap();
+        assert!((distance_mm - 0.8).abs() < 0.4, "{distance_mm} mm");
+        assert_eq!(voxels.distance_mm(&Point3::origin(), 1.0), None);
+        assert_eq!(voxels.distance_mm(&Point3::new(1e9, 0.0, 0.0), 1.0), None);
+    }
+}

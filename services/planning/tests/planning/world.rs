@@ -1,0 +1,97 @@
+//! The cases that the tests plan.
+
+use std::ops::ControlFlow;
+
+use arthro_geometry::phantom::{self, Phantom, RadialTear};
+use arthro_geometry::{Mesh, Point3, Vector3};
+use arthro_planning::Error;
+use arthro_planning::evaluation::Evaluation;
+use arthro_planning::jaw::{Bite, Jaw};
+use arthro_planning::plan::{self, EvaluationRequest, Plan, Request};
+use arthro_planning::rrt::Search;
+
+pub const LESION_SPACING_MM: f64 = 0.5;
+
+/// The torn phantom with the paper's start, goal and box.
+pub fn papers_case() -> Request {
+    Request {
+        model: phantom::mesh(),
+        lesion: lesion(&phantom::mesh(), |point| {
+            Phantom::default().is_torn(point, &RadialTear::BODY)
+        }),
+        lesion_spacing_mm: LESION_SPACING_MM,
+        start: phantom::START,
+        goal: phantom::GOAL,
+        target_box: phantom::TARGET_BOX,
+        portal: phantom::PORTAL_ANTEROLATERAL,
+        jaw: Jaw {
+            width_mm: 3.0,
+            length_mm: 4.5,
+        },
+        voxel_mm: 0.5,
+        rim_min_mm: 3.0,
+        search: Search {
+            step_mm: 1.0,
+            tolerance_mm: 1.0,
+            cost_limit_per_mm: 0.4,
+            max_iterations: 100_000,
+            seed: 1,
+        },
+    }
+}
+
+/// The points of a grid around a mesh that are damaged.
+pub fn lesion(mesh: &Mesh, is_damaged: impl Fn(&Point3) -> bool) -> Vec<Point3> {
+    let (low, high) = mesh.bounds().unwrap();
+    let first = low.map(|value| (value / LESION_SPACING_MM).floor() as i64);
+    let last = high.map(|value| (value / LESION_SPACING_MM).ceil() as i64);
+    let mut points = Vec::new();
+    for i in first.x..=last.x {
+        for j in first.y..=last.y {
+            for k in first.z..=last.z {
+                let point = Point3::new(i as f64, j as f64, k as f64) * LESION_SPACING_MM;
+                if is_damaged(&point) {
+                    points.push(point);
+                }
+            }
+        }
+    }
+    points
+}
+
+pub fn plan(request: &Request) -> Result<Plan, Error> {
+    plan::plan(request, &mut |_| ControlFlow::Continue(()))
+}
+
+/// Scores bites on the request's lesion alone.
+pub fn score(request: &Request, bites: &[Bite]) -> Evaluation {
+    plan::evaluate(&EvaluationRequest {
+        model: request.model.clone(),
+        lesion: request.lesion.clone(),
+        lesion_spacing_mm: request.lesion_spacing_mm,
+        contour: Vec::new(),
+        bites: bites.to_vec(),
+        jaw: request.jaw,
+        voxel_mm: request.voxel_mm,
+    })
+    .unwrap()
+}
+
+/// The least share of the lesion that stays covered when all bites lie `error_mm` off in the plane
+/// across `superior`, whatever the direction.
+pub fn worst_displaced_percent(
+    request: &Request,
+    bites: &[Bite],
+    superior: &Vector3,
+    error_mm: f64,
+) -> f64 {
+    let first = superior.cross(&bites[0].approach).normalize();
+    let second = superior.cross(&first);
+    let covered = (0..36).map(|step| {
+        let (sin, cos) = (f64::from(step) * std::f64::consts::TAU / 36.0).sin_cos();
+        let by = (first * cos + second * sin) * error_mm;
+        let displaced: Vec<Bite> = bites.iter().map(|bite| bite.displaced(&by)).collect();
+        score(request, &displaced).lesion_covered_percent
+    });
+    covered.fold(100.0, f64::min)
+}

@@ -1,0 +1,66 @@
+//! Why a registration or a deprojection does not answer, and what the caller is told.
+
+use std::fmt;
+
+use arthro_bootstrap::status;
+use tonic::Status;
+
+/// The domain's errors.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The input cannot be worked with; every violation found.
+    #[error("{}", Listed(.0))]
+    Invalid(Vec<Violation>),
+    /// The owner asked to stop.
+    #[error("the computation was cancelled")]
+    Cancelled,
+}
+
+/// One thing that is wrong with the input: which field, and its value against the limit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// The field, as the API names it.
+    pub field: String,
+    /// Value and limit.
+    pub description: String,
+}
+
+impl Violation {
+    /// `field` is wrong as `description` says.
+    pub fn new(field: impl Into<String>, description: impl Into<String>) -> Self {
+        Self {
+            field: field.into(),
+            description: description.into(),
+        }
+    }
+}
+
+impl From<Error> for Status {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Invalid(violations) => status::invalid_all(
+                violations
+                    .into_iter()
+                    .map(|violation| (violation.field, violation.description))
+                    .collect(),
+            ),
+            Error::Cancelled => Status::cancelled("the computation was cancelled"),
+        }
+    }
+}
+
+struct Listed<'a>(&'a [Violation]);
+
+impl fmt::Display for Listed<'_> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, violation) in self.0.iter().enumerate() {
+            let separator = if index == 0 { "" } else { "; " };
+            write!(
+                formatter,
+                "{separator}{}: {}",
+                violation.field, violation.description
+            )?;
+        }
+        Ok(())
+    }
+}

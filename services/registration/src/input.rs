@@ -1,0 +1,193 @@
+//! What a registration needs of its input, checked before any work: every violation is named, with value and limit.
+
+use arthro_geometry::nalgebra::{Matrix3, SymmetricEigen};
+use arthro_geometry::{Cloud, Point3, Vector3};
+
+use crate::error::{Error, Violation};
+use crate::pipeline::Options;
+
+/// Fewest points of a cloud.
+pub const MIN_POINTS: usize = 100;
+/// Most points of a cloud.
+pub const MAX_POINTS: usize = 2_000_000;
+/// Smallest diagonal of a cloud's bounding box, mm.
+pub const MIN_EXTENT_MM: f64 = 5.0;
+/// Largest diagonal of a cloud's bounding box, mm.
+pub const MAX_EXTENT_MM: f64 = 1000.0;
+/// Farthest a coordinate may be from its origin, mm.
+pub const MAX_COORDINATE_MM: f64 = 100_000.0;
+/// A cloud whose second widest direction spreads less than this, mm, lies on a line.
+pub const MIN_WIDTH_MM: f64 = 0.5;
+/// Scale priors accepted: between two sensors that may differ in unit by mistake of neither.
+pub const SCALE_PRIORS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+/// Largest tolerance of the scale prior, as a fraction.
+pub const MAX_SCALE_TOLERANCE: f64 = 0.5;
+
+/// Refuses what cannot be registered.
+pub fn check(source: &Cloud, target: &Cloud, options: &Options) -> Result<(), Error> {
+    let mut violations = options_violations(options);
+    violations.extend(cloud_violation("source", &source.points));
+    violations.extend(cloud_violation("target", &target.points));
+    if violations.is_empty() {
+        Ok(())
+    } else {
+        Err(Error::Invalid(violations))
+    }
+}
+
+/// What is wrong with the options.
+pub fn options_violations(options: &Options) -> Vec<Violation> {
+    let mut violations = Vec::new();
+    if !SCALE_PRIORS.contains(&options.scale_prior) {
+        violations.push(Violation::new(
+            "scale_prior",
+            format!(
+                "is {}, must be {} to {}",
+                options.scale_prior,
+                SCALE_PRIORS.start(),
+                SCALE_PRIORS.end()
+            ),
+        ));
+    }
+    if !(options.scale_tolerance >= 0.0 && options.scale_tolerance <= MAX_SCALE_TOLERANCE) {
+        violations.push(Violation::new(
+            "scale_tolerance",
+            format!(
+                "is {}, must be 0 to {MAX_SCALE_TOLERANCE}",
+                options.scale_tolerance
+            ),
+        ));
+    }
+    if let Some(viewpoint) = options.viewpoint
+        && !viewpoint.iter().all(|c| c.abs() <= MAX_COORDINATE_MM)
+    {
+        violations.push(Violation::new(
+            "viewpoint",
+            format!("is {viewpoint}, must be finite and within {MAX_COORDINATE_MM} mm"),
+        ));
+    }
+    violations
+}
+
+/// What is wrong with a cloud's announced number of points.
+pub fn count_violation(field: &str, count: usize) -> Option<Violation> {
+    let limit = match count {
+        0 => return Some(Violation::new(field, "is empty, needs at least 100 points")),
+        _ if count < MIN_POINTS => format!("at least {MIN_POINTS}"),
+        _ if count > MAX_POINTS => format!("at most {MAX_POINTS}"),
+        _ => return None,
+    };
+    Some(Violation::new(
+        field,
+        format!("has {count} points, must have {limit}"),
+    ))
+}
+
+/// What is wrong with a cloud.
+pub fn cloud_violation(field: &str, points: &[Point3]) -> Option<Violation> {
+    if let Some(violation) = count_violation(field, points.len()) {
+        return Some(violation);
+    }
+    let far = |p: &Point3| !p.iter().all(|c| c.abs() <= MAX_COORDINATE_MM);
+    if let Some(index) = points.iter().position(far) {
+        let Point3 { coords } = points[index];
+        return Some(Violation::new(
+            format!("{field}[{index}]"),
+            format!(
+                "is ({}, {}, {}), must be finite and within {MAX_COORDINATE_MM} mm",
+                coords.x, coords.y, coords.z
+            ),
+        ));
+    }
+    let (low, high) = arthro_geometry::cloud::bounds(points)?;
+    let extent_mm = (high - low).norm();
+    if extent_mm < MIN_EXTENT_MM {
+        return Some(Violation::new(
+            field,
+            format!(
+                "spans {extent_mm:.4} mm, must span at least {MIN_EXTENT_MM} mm; are the coordinates in metres?"
+            ),
+        ));
+    }
+    if extent_mm > MAX_EXTENT_MM {
+        return Some(Violation::new(
+            field,
+            format!(
+                "spans {extent_mm:.1} mm, must span at most {MAX_EXTENT_MM} mm; are the coordinates in micrometres, or is more than the meniscus in it?"
+            ),
+        ));
+    }
+    let width_mm = second_spread_mm(points);
+    (width_mm < MIN_WIDTH_MM).then(|| {
+        Violation::new(
+            field,
+            format!("lies on a line: it spreads {width_mm:.4} mm across it, must spread at least {MIN_WIDTH_MM} mm"),
+        )
+    })
+}
+
+/// Standard deviation along the second widest direction, mm.
+fn second_spread_mm(points: &[Point3]) -> f64 {
+    let count = points.len() as f64;
+    let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / count;
+    let covariance: Matrix3<f64> = points
+        .iter()
+        .map(|p| p.coords - mean)
+        .map(|d| d * d.transpose())
+        .sum();
+    let mut spreads = SymmetricEigen::new(covariance / count).eigenvalues;
+    spreads.as_mut_slice().sort_by(f64::total_cmp);
+    spreads[1].max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn patch(scale: f64) -> Vec<Point3> {
+        (0..400)
+            .map(|i| Point3::new(f64::from(i % 20), f64::from(i / 20), 0.0) * scale)
+            .collect()
+    }
+
+    fn said(points: &[Point3]) -> String {
+        cloud_violation("target", points)
+            .map(|v| format!("{} {}", v.field, v.description))
+            .unwrap_or_default()
+    }
+
+    #[test]
+    fn a_good_cloud_passes() {
+        assert_eq!(said(&patch(1.0)), "");
+    }
+
+    #[test]
+    fn bad_clouds_are_refused_by_name_value_and_limit() {
+        assert!(said(&[]).contains("is empty"));
+        assert!(said(&patch(1.0)[..3]).contains("has 3 points, must have at least 100"));
+        assert!(said(&patch(0.001)).contains("metres?"));
+        assert!(said(&patch(1000.0)).contains("at most 1000 mm"));
+        let mut points = patch(1.0);
+        points[7].y = f64::NAN;
+        assert!(said(&points).contains("target[7] is (7, NaN, 0)"));
+        let line: Vec<Point3> = (0..200)
+            .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+            .collect();
+        assert!(said(&line).contains("lies on a line"));
+    }
+
+    #[test]
+    fn bad_options_are_all_named_at_once() {
+        let options = Options {
+            scale_prior: f64::NAN,
+            scale_tolerance: 0.6,
+            viewpoint: Some(Point3::new(0.0, f64::INFINITY, 0.0)),
+            ..Options::default()
+        };
+        let fields: Vec<String> = options_violations(&options)
+            .into_iter()
+            .map(|violation| violation.field)
+            .collect();
+        assert_eq!(fields, ["scale_prior", "scale_tolerance", "viewpoint"]);
+    }
+}

@@ -1,0 +1,57 @@
+//! Serves the four drives of the cell on a socketcand port, in real time, for foreign CANopen masters to try: a bus
+//! bears one master, and here is none yet.
+//!
+//! ```text
+//! cargo run --release -p arthro-simulator --example epos4_bus -- 127.0.0.1:0
+//! ```
+//!
+//! Prints `socketcand://host:port/can0` and ends when its standard input is closed.
+
+use std::error::Error;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use arthro_simulator::cell::axes;
+use arthro_simulator::epos4::{Bus, socketcand};
+use tokio::io::AsyncReadExt;
+use tokio::time::{Instant, MissedTickBehavior, interval};
+
+const STEP: Duration = Duration::from_millis(2);
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    let bind: SocketAddr = std::env::args()
+        .nth(1)
+        .as_deref()
+        .unwrap_or("127.0.0.1:0")
+        .parse()?;
+    let bus = Bus::new(axes::drives());
+    let server = socketcand::serve(bind, Arc::clone(&bus)).await?;
+    println!("socketcand://{}/can0", server.address());
+    let mut stdin = tokio::io::stdin();
+    tokio::select! {
+        () = run(&bus) => {}
+        _ = stdin.read_u8() => {}
+    }
+    Ok(())
+}
+
+/// The bus's clock follows the wall clock. Nothing is between the jaws.
+async fn run(bus: &Bus) {
+    let start = Instant::now();
+    let mut ticks = interval(STEP);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut now_s = 0.0;
+    let mut shafts_qc = axes::start_qc();
+    loop {
+        ticks.tick().await;
+        while now_s < start.elapsed().as_secs_f64() {
+            now_s += STEP.as_secs_f64();
+            bus.tick(STEP.as_secs_f64(), now_s, &axes::mechanics(&shafts_qc, 0.0));
+            for (shaft_qc, position_qc) in shafts_qc.iter_mut().zip(bus.positions_quadcounts()) {
+                *shaft_qc = position_qc;
+            }
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! Simulated maxon EPOS4 drives on a CAN bus: a [`Node`] answers as the real drive does, frame by frame, and turns a
+//! shaft with friction, load and hard stops; [`Drives`] are all of one bus; [`Bus`] and [`socketcand`] put them on a
+//! wire that foreign CANopen masters speak.
+//!
+//! All but the last two are pure: time comes in as seconds of the cell's clock.
+
+pub mod bus;
+pub mod dictionary;
+mod drive;
+mod drives;
+mod faults;
+mod homing;
+mod inputs;
+mod network;
+mod node;
+mod objects;
+mod parameters;
+mod pdo;
+mod positioning;
+mod shaft;
+pub mod socketcand;
+mod trajectory;
+
+pub use bus::Bus;
+pub use drives::Drives;
+pub use node::{Node, NodeConfig};
+pub use shaft::{Mechanics, Motor};

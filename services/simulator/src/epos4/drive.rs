@@ -1,0 +1,430 @@
+//! The drive proper: the CiA 402 state machine, the modes, and the shaft they turn.
+
+mod modes;
+
+use epos4_link::cia402::{Command, HALT, State, Statusword, homing, profile_position};
+
+use self::modes::Mode;
+use super::faults::{Reaction, code};
+use super::homing::Homing;
+use super::inputs::{Inputs, Switch};
+use super::objects::Power;
+use super::parameters::Parameters;
+use super::positioning::{Positioning, Taken};
+use super::shaft::{Mechanics, Motor, Shaft};
+use super::trajectory::Trajectory;
+
+/// State machine, mode and shaft.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    state: State,
+    controlword: u16,
+    mode: Mode,
+    /// A transition that waits for the shaft to stand.
+    stopping: Option<Stopping>,
+    trajectory: Trajectory,
+    positioning: Positioning,
+    homing: Homing,
+    shaft: Shaft,
+    motor: Motor,
+    /// Where the true shaft stands at position 0.
+    origin_qc: f64,
+    referenced: bool,
+    inputs: Inputs,
+    following_error: bool,
+}
+
+/// A ramp to standstill.
+#[derive(Clone, Copy, Debug)]
+struct Stopping {
+    /// The state when the shaft stands; none stays, as after a quick stop.
+    then: Option<State>,
+    deceleration_qc_s2: f64,
+    standing_s: f64,
+    waited_s: f64,
+}
+
+/// The drive's own control cycle, s.
+const CYCLE_S: f64 = 0.0004;
+
+impl Drive {
+    /// Just powered up: free, without a reference, at position 0.
+    #[must_use]
+    pub fn new(position_qc: f64, motor: Motor) -> Self {
+        Self {
+            state: State::SwitchOnDisabled,
+            controlword: 0,
+            mode: Mode::ProfilePosition,
+            stopping: None,
+            trajectory: Trajectory::standing_at(position_qc),
+            positioning: Positioning::default(),
+            homing: Homing::default(),
+            shaft: Shaft {
+                position_qc,
+                ..Shaft::default()
+            },
+            motor,
+            origin_qc: position_qc,
+            referenced: false,
+            inputs: Inputs::default(),
+            following_error: false,
+        }
+    }
+
+    /// Power cycle: the shaft stays where it is, its position is 0 from now on.
+    pub fn restart(&mut self) {
+        *self = Self {
+            shaft: self.shaft,
+            ..Self::new(self.shaft.position_qc, self.motor)
+        };
+    }
+
+    /// The state.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The true shaft.
+    #[must_use]
+    pub fn shaft(&self) -> &Shaft {
+        &self.shaft
+    }
+
+    /// The demand.
+    #[must_use]
+    pub fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    /// The active input functions, as last seen.
+    #[must_use]
+    pub fn inputs(&self) -> Inputs {
+        self.inputs
+    }
+
+    /// A position of the true shaft as the drive counts it.
+    #[must_use]
+    pub fn counted_qc(&self, position_qc: f64) -> i64 {
+        (position_qc - self.origin_qc).round() as i64
+    }
+
+    /// Object 0x6061.
+    #[must_use]
+    pub fn mode_code(&self) -> i64 {
+        self.mode.code()
+    }
+
+    /// Whether the power stage is on.
+    #[must_use]
+    pub fn power(&self) -> Power {
+        match self.state {
+            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive => {
+                Power::On
+            }
+            _ => Power::Off,
+        }
+    }
+
+    /// Object 0x6041. `remote` is whether the node is operational on the network.
+    #[must_use]
+    pub fn statusword(&self, parameters: &Parameters, remote: bool) -> u16 {
+        let state = match self.state {
+            State::NotReadyToSwitchOn => 0x00,
+            State::SwitchOnDisabled => 0x40,
+            State::ReadyToSwitchOn => 0x21,
+            State::SwitchedOn => 0x33,
+            State::OperationEnabled => 0x37,
+            State::QuickStopActive => 0x17,
+            State::FaultReactionActive => 0x1F,
+            State::Fault => 0x08,
+        };
+        let (bit_10, bit_12, bit_13) = self.mode_status(parameters);
+        let bits = [
+            (1 << 9, remote),
+            (Statusword::TARGET_REACHED, bit_10),
+            (
+                Statusword::INTERNAL_LIMIT,
+                self.power() == Power::On && self.shaft.limited,
+            ),
+            (1 << 12, bit_12),
+            (1 << 13, bit_13),
+            (Statusword::REFERENCED, self.referenced),
+        ];
+        bits.into_iter()
+            .filter(|(_, set)| *set)
+            .fold(state, |word, (bit, _)| word | bit)
+    }
+
+    /// Sets the mode, object 0x6060. What moves is brought to a stand by the new mode.
+    pub fn set_mode(&mut self, code: i64) {
+        let Some(mode) = Mode::of(code).filter(|mode| *mode != self.mode) else {
+            return;
+        };
+        self.mode = mode;
+        self.positioning = Positioning::default();
+        self.homing = Homing::default();
+    }
+
+    /// Obeys a controlword. Tells whether errors are to be acknowledged, or which error it causes.
+    pub fn control(&mut self, controlword: u16, parameters: &Parameters) -> Control {
+        let previous = std::mem::replace(&mut self.controlword, controlword);
+        let command = Command::from_controlword(previous, controlword);
+        if self.state == State::Fault {
+            if command != Command::FaultReset {
+                return Control::Done;
+            }
+            self.state = State::SwitchOnDisabled;
+            self.following_error = false;
+            return Control::AcknowledgeErrors;
+        }
+        self.obey(command, parameters);
+        if self.state != State::OperationEnabled || self.stopping.is_some() {
+            return Control::Done;
+        }
+        let rising = controlword & !previous;
+        match self.mode {
+            Mode::ProfilePosition => {
+                self.positioning.on_controlword(controlword);
+                if rising & profile_position::NEW_SETPOINT != 0 {
+                    let taken = self.positioning.take(
+                        controlword,
+                        parameters,
+                        &self.trajectory,
+                        self.origin_qc,
+                    );
+                    if taken == Taken::BeyondLimit {
+                        return Control::Raise(code::SOFTWARE_LIMIT);
+                    }
+                }
+            }
+            Mode::Homing => {
+                if rising & homing::START != 0 && controlword & HALT == 0 {
+                    self.homing.start(&parameters.homing, &self.shaft);
+                    self.referenced = false;
+                } else if controlword & homing::START == 0 || controlword & HALT != 0 {
+                    self.homing.interrupt();
+                }
+            }
+            Mode::ProfileVelocity
+            | Mode::CyclicPosition
+            | Mode::CyclicVelocity
+            | Mode::CyclicTorque => {}
+        }
+        Control::Done
+    }
+
+    /// Answers an error.
+    pub fn react(&mut self, reaction: Reaction, parameters: &Parameters) {
+        if matches!(self.state, State::Fault) {
+            return;
+        }
+        self.homing.fail();
+        let deceleration_qc_s2 = match (
+            reaction,
+            parameters.fault_reaction_option,
+            parameters.abort_connection_option,
+        ) {
+            (Reaction::Disable, _, _)
+            | (Reaction::FaultOption, 0, _)
+            | (Reaction::AbortConnection, _, 2) => None,
+            (Reaction::FaultOption, 1, _) => Some(parameters.profile.deceleration_qc_s2),
+            (Reaction::FaultOption | Reaction::AbortConnection, _, _) => {
+                Some(parameters.quick_stop_qc_s2)
+            }
+        };
+        match deceleration_qc_s2.filter(|_| self.power() == Power::On) {
+            Some(deceleration_qc_s2) => {
+                self.state = State::FaultReactionActive;
+                self.brake(deceleration_qc_s2, Some(State::Fault));
+            }
+            None => self.enter(State::Fault),
+        }
+    }
+
+    /// Answers the end of the communication, which is no error: NMT stop and resets.
+    pub fn abort_connection(&mut self, parameters: &Parameters) {
+        if self.power() == Power::Off {
+            self.enter(match self.state {
+                State::Fault => State::Fault,
+                _ => State::SwitchOnDisabled,
+            });
+        } else if parameters.abort_connection_option == 2 {
+            self.enter(State::SwitchOnDisabled);
+        } else if self.state != State::FaultReactionActive {
+            self.brake(parameters.quick_stop_qc_s2, Some(State::SwitchOnDisabled));
+        }
+    }
+
+    /// Makes the position worthless, as an encoder error does.
+    pub fn lose_reference(&mut self) {
+        self.referenced = false;
+    }
+
+    /// Lets time pass, cycle by cycle; the errors that appeared. Nothing happens in no time.
+    pub fn step(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+        let cycles = (dt_s / CYCLE_S).ceil();
+        let cycle_s = dt_s / cycles;
+        let mut errors = Vec::new();
+        for _ in 0..cycles as usize {
+            for error in self.cycle(cycle_s, parameters, mechanics) {
+                self.react(super::faults::effect(error).1, parameters);
+                if !errors.contains(&error) {
+                    errors.push(error);
+                }
+            }
+        }
+        errors
+    }
+
+    fn cycle(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+        let inputs_before =
+            std::mem::replace(&mut self.inputs, Inputs::read(mechanics, parameters));
+        let order = self.order(parameters, dt_s);
+        self.shaft.cycle(
+            order,
+            parameters.current_limit_ma,
+            &self.motor,
+            mechanics,
+            dt_s,
+        );
+        if self.power() == Power::Off {
+            self.trajectory = Trajectory::standing_at(self.shaft.position_qc);
+        }
+        self.finish_stopping(parameters, dt_s);
+        if self.state != State::OperationEnabled {
+            return Vec::new();
+        }
+        let mut errors = Vec::new();
+        if self.lags(parameters) {
+            self.following_error = true;
+            errors.push(code::FOLLOWING);
+        }
+        errors.extend(self.limit_switch_error(inputs_before));
+        errors.extend(self.software_limit_error(parameters));
+        errors
+    }
+
+    fn obey(&mut self, command: Command, parameters: &Parameters) {
+        use State::{
+            OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
+        };
+        match (command, self.state) {
+            (
+                Command::DisableVoltage,
+                ReadyToSwitchOn | SwitchedOn | OperationEnabled | QuickStopActive,
+            )
+            | (Command::QuickStop, ReadyToSwitchOn | SwitchedOn) => self.enter(SwitchOnDisabled),
+            (Command::QuickStop, OperationEnabled) => {
+                self.homing.interrupt();
+                self.state = QuickStopActive;
+                self.brake(parameters.quick_stop_qc_s2, None);
+            }
+            (Command::Shutdown, SwitchOnDisabled | SwitchedOn) => self.enter(ReadyToSwitchOn),
+            (Command::Shutdown, OperationEnabled) if parameters.shutdown_option == 0 => {
+                self.enter(ReadyToSwitchOn)
+            }
+            (Command::Shutdown, OperationEnabled) => {
+                self.brake(parameters.profile.deceleration_qc_s2, Some(ReadyToSwitchOn));
+            }
+            (Command::SwitchOn, ReadyToSwitchOn) => self.enter(SwitchedOn),
+            (Command::SwitchOn, OperationEnabled) if parameters.disable_option == 0 => {
+                self.enter(SwitchedOn)
+            }
+            (Command::SwitchOn, OperationEnabled) => {
+                self.brake(parameters.profile.deceleration_qc_s2, Some(SwitchedOn));
+            }
+            // From READY_TO_SWITCH_ON it passes SWITCHED_ON by itself.
+            (Command::EnableOperation, ReadyToSwitchOn | SwitchedOn | QuickStopActive) => {
+                self.enter(OperationEnabled)
+            }
+            _ => {}
+        }
+    }
+
+    /// Enters a state with nothing left of the motion before.
+    fn enter(&mut self, state: State) {
+        if state == State::OperationEnabled {
+            self.trajectory = match self.state {
+                State::QuickStopActive => self.trajectory,
+                _ => Trajectory::standing_at(self.shaft.position_qc),
+            };
+        }
+        self.state = state;
+        self.stopping = None;
+        self.positioning = Positioning::default();
+        if state != State::OperationEnabled {
+            self.homing.interrupt();
+        }
+    }
+
+    /// Starts a ramp to standstill from what the shaft really does.
+    fn brake(&mut self, deceleration_qc_s2: f64, then: Option<State>) {
+        if self.stopping.is_some_and(|stopping| stopping.then == then) {
+            return;
+        }
+        self.trajectory = Trajectory {
+            position_qc: self.shaft.position_qc,
+            speed_qc_s: self.shaft.speed_qc_s,
+            acceleration_qc_s2: 0.0,
+        };
+        self.stopping = Some(Stopping {
+            then,
+            deceleration_qc_s2,
+            standing_s: 0.0,
+            waited_s: 0.0,
+        });
+    }
+
+    fn finish_stopping(&mut self, parameters: &Parameters, dt_s: f64) {
+        let (shaft, trajectory) = (&self.shaft, &self.trajectory);
+        let Some(stopping) = self
+            .stopping
+            .as_mut()
+            .filter(|_| trajectory.speed_qc_s == 0.0)
+        else {
+            return;
+        };
+        let standstill = parameters.standstill;
+        let stands = shaft.speed_qc_s.abs() <= standstill.window_qc_s;
+        stopping.standing_s = if stands {
+            stopping.standing_s + dt_s
+        } else {
+            0.0
+        };
+        stopping.waited_s += dt_s;
+        if stopping.standing_s < standstill.time_s && stopping.waited_s < standstill.timeout_s {
+            return;
+        }
+        if let Some(state) = stopping.then {
+            self.enter(state);
+        }
+    }
+
+    /// An error when a switch becomes active, or when a motion goes on into an active one: the way out stays free.
+    fn limit_switch_error(&self, before: Inputs) -> Option<u16> {
+        let ends = [
+            (Switch::NegativeLimit, -1.0, code::NEGATIVE_LIMIT),
+            (Switch::PositiveLimit, 1.0, code::POSITIVE_LIMIT),
+        ];
+        ends.into_iter()
+            .filter(|(switch, _, _)| !self.homing.uses(*switch))
+            .find(|(switch, direction, _)| {
+                self.inputs.is_active(*switch)
+                    && (!before.is_active(*switch) && !self.leaves(-direction)
+                        || self.trajectory.speed_qc_s * direction > 0.0)
+            })
+            .map(|(_, _, code)| code)
+    }
+}
+
+/// What follows from a controlword beyond the drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Control {
+    /// Nothing.
+    Done,
+    /// The master acknowledged the errors.
+    AcknowledgeErrors,
+    /// The command itself is an error.
+    Raise(u16),
+}

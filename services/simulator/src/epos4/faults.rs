@@ -1,0 +1,113 @@
+//! The errors of a drive: which bit of the error register and which reaction belong to a code, and the history.
+
+use epos4_link::canopen::emcy::Emergency;
+
+use super::dictionary::at;
+use super::objects::Objects;
+
+/// How a drive answers an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reaction {
+    /// Power off at once.
+    Disable,
+    /// By the fault reaction option code 0x605E.
+    FaultOption,
+    /// By the abort connection option code 0x6007.
+    AbortConnection,
+}
+
+/// Codes that the simulated drive raises itself.
+pub mod code {
+    /// The master's heartbeat stayed out.
+    pub const HEARTBEAT: u16 = 0x8130;
+    /// A PDO was shorter than its mapping.
+    pub const PDO_LENGTH: u16 = 0x8210;
+    /// The shaft lags too far behind the demand.
+    pub const FOLLOWING: u16 = 0x8611;
+    /// Negative limit switch.
+    pub const NEGATIVE_LIMIT: u16 = 0x8A80;
+    /// Positive limit switch.
+    pub const POSITIVE_LIMIT: u16 = 0x8A81;
+    /// Software position limit.
+    pub const SOFTWARE_LIMIT: u16 = 0x8A82;
+}
+
+/// Errors present and past.
+#[derive(Clone, Debug, Default)]
+pub struct Faults {
+    present: Vec<u16>,
+}
+
+const HISTORY_LEN: u8 = 5;
+
+impl Faults {
+    /// Adds an error; the message for the bus, or none if it was present already.
+    pub fn raise(&mut self, code: u16, objects: &mut Objects) -> Option<Emergency> {
+        if self.present.contains(&code) {
+            return None;
+        }
+        self.present.push(code);
+        for place in (2..=HISTORY_LEN).rev() {
+            objects.set(
+                at::error_history(place),
+                objects.get(at::error_history(place - 1)),
+            );
+        }
+        objects.set(at::error_history(1), i64::from(code));
+        let count = objects.get(at::ERROR_HISTORY);
+        objects.set(at::ERROR_HISTORY, (count + 1).min(i64::from(HISTORY_LEN)));
+        objects.set(at::ERROR_CODE, i64::from(code));
+        objects.set(at::ERROR_REGISTER, i64::from(self.register()));
+        Some(Emergency::new(code, self.register()))
+    }
+
+    /// Acknowledges all errors; the message for the bus, or none if there were none.
+    pub fn reset(&mut self, objects: &mut Objects) -> Option<Emergency> {
+        if self.present.is_empty() {
+            return None;
+        }
+        self.present.clear();
+        objects.set(at::ERROR_CODE, 0);
+        objects.set(at::ERROR_REGISTER, 0);
+        Some(Emergency::new(Emergency::RESET, 0))
+    }
+
+    /// Object 0x1001.
+    fn register(&self) -> u8 {
+        self.present
+            .iter()
+            .fold(0, |register, code| register | effect(*code).0)
+    }
+}
+
+/// Empties the history, as writing 0 to 0x1003 does.
+pub fn clear_history(objects: &mut Objects) {
+    for place in 1..=HISTORY_LEN {
+        objects.set(at::error_history(place), 0);
+    }
+}
+
+/// Bit of the error register, and reaction, of a code.
+#[must_use]
+pub fn effect(code: u16) -> (u8, Reaction) {
+    use Reaction::{AbortConnection, Disable, FaultOption};
+    match code {
+        0x2310 | 0x2320 => (0x02, Disable),
+        0x3210 | 0x3220 | 0x5113 => (0x04, Disable),
+        0x4210 | 0x4380 => (0x08, Disable),
+        0x6320 => (0x01, FaultOption),
+        0x6081 => (0x01, AbortConnection),
+        0x7320..=0x7392 => (0x20, Disable),
+        0x8110..=0x8250 => (0x10, AbortConnection),
+        0x8611 | 0x8A80..=0x8A82 => (0x80, FaultOption),
+        0xFF10 => (0x20, FaultOption),
+        0xFF12..=0xFF21 => (0x20, Disable),
+        _ => (0x01, Disable),
+    }
+}
+
+/// Whether an error makes the position worthless: the encoder cannot be trusted.
+#[must_use]
+pub fn loses_reference(code: u16) -> bool {
+    matches!(code, 0x7380..=0x7382 | 0x7388..=0x738A | 0x7392 | 0xFF02)
+}

@@ -1,0 +1,154 @@
+//! The objects that govern motion, read out of the dictionary and brought to quadcounts, seconds and milliamperes.
+
+use super::dictionary::at;
+use super::objects::Objects;
+
+/// A snapshot, taken before each piece of work.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    /// Speeds of the dictionary are in rpm of the motor.
+    pub qc_s_per_rpm: f64,
+    /// Of position and velocity profiles.
+    pub profile: Profile,
+    /// Quick stop.
+    pub quick_stop_qc_s2: f64,
+    /// No demand exceeds it.
+    pub max_speed_qc_s: f64,
+    /// Acceleration of the cyclic velocity mode.
+    pub max_acceleration_qc_s2: f64,
+    /// The lag that is error 0x8611; none when off.
+    pub following_window_qc: Option<f64>,
+    /// How near the target counts as reached, and for how long, s; none when the end of the profile counts.
+    pub position_window: Option<(f64, f64)>,
+    /// Software limits, user coordinates; none when both are 0.
+    pub position_limits_qc: Option<(f64, f64)>,
+    /// 0x605B.
+    pub shutdown_option: i64,
+    /// 0x605C.
+    pub disable_option: i64,
+    /// 0x605E.
+    pub fault_reaction_option: i64,
+    /// 0x6007.
+    pub abort_connection_option: i64,
+    /// Targets.
+    pub target_position_qc: f64,
+    /// 0x60FF.
+    pub target_speed_qc_s: f64,
+    /// 0x6071 as a current.
+    pub target_current_ma: f64,
+    /// 0x3001:02.
+    pub current_limit_ma: f64,
+    /// When the shaft counts as standing.
+    pub standstill: Standstill,
+    /// Homing.
+    pub homing: HomingParameters,
+    /// Functions of digital inputs 1 to 8, 0x3142.
+    pub input_functions: [i64; 8],
+    /// 0x3141:02.
+    pub input_polarity: u16,
+}
+
+/// A trapezoidal velocity profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Profile {
+    /// Cruising speed.
+    pub speed_qc_s: f64,
+    /// Speeding up.
+    pub acceleration_qc_s2: f64,
+    /// Slowing down.
+    pub deceleration_qc_s2: f64,
+}
+
+/// 0x30E0.
+#[derive(Clone, Copy, Debug)]
+pub struct Standstill {
+    /// Slower than this is standing.
+    pub window_qc_s: f64,
+    /// For this long.
+    pub time_s: f64,
+    /// After this long a transition goes on regardless.
+    pub timeout_s: f64,
+}
+
+/// 0x6098, 0x6099, 0x609A, 0x30B0 to 0x30B2.
+#[derive(Clone, Copy, Debug)]
+pub struct HomingParameters {
+    /// Method.
+    pub method: i64,
+    /// Towards a switch or stop.
+    pub switch_search: Profile,
+    /// Towards an edge or index.
+    pub zero_search: Profile,
+    /// The value given to the home point.
+    pub position_qc: f64,
+    /// Distance from where the reference was found to the home point.
+    pub offset_qc: f64,
+    /// The current that counts as a stop.
+    pub current_threshold_ma: f64,
+}
+
+impl Parameters {
+    /// Reads the dictionary.
+    #[must_use]
+    pub fn of(objects: &Objects) -> Self {
+        let number = |address| objects.get(address) as f64;
+        let seconds = |address| objects.get(address) as f64 / 1000.0;
+        let qc_s_per_rpm = number(at::MAIN_SENSOR_RESOLUTION) / 60.0;
+        let max_speed_rpm = number(at::MAX_PROFILE_VELOCITY).min(number(at::MAX_MOTOR_SPEED));
+        let profile = |speed, acceleration, deceleration| Profile {
+            speed_qc_s: number(speed).min(max_speed_rpm) * qc_s_per_rpm,
+            acceleration_qc_s2: number(acceleration) * qc_s_per_rpm,
+            deceleration_qc_s2: number(deceleration) * qc_s_per_rpm,
+        };
+        let homing_profile =
+            |speed| profile(speed, at::HOMING_ACCELERATION, at::HOMING_ACCELERATION);
+        let unlimited = i64::from(u32::MAX);
+        let window = objects.get(at::FOLLOWING_WINDOW);
+        let reached = objects.get(at::POSITION_WINDOW);
+        let (low, high) = (number(at::MIN_POSITION), number(at::MAX_POSITION));
+        let torque_constant_unm_a = number(at::TORQUE_CONSTANT).max(1.0);
+        Self {
+            qc_s_per_rpm,
+            profile: profile(
+                at::PROFILE_VELOCITY,
+                at::PROFILE_ACCELERATION,
+                at::PROFILE_DECELERATION,
+            ),
+            quick_stop_qc_s2: number(at::QUICK_STOP_DECELERATION) * qc_s_per_rpm,
+            max_speed_qc_s: max_speed_rpm * qc_s_per_rpm,
+            max_acceleration_qc_s2: number(at::MAX_ACCELERATION) * qc_s_per_rpm,
+            following_window_qc: (window != unlimited).then_some(window as f64),
+            position_window: (reached != unlimited)
+                .then(|| (reached as f64, seconds(at::POSITION_WINDOW_TIME))),
+            position_limits_qc: (low != 0.0 || high != 0.0).then_some((low, high)),
+            shutdown_option: objects.get(at::SHUTDOWN_OPTION),
+            disable_option: objects.get(at::DISABLE_OPTION),
+            fault_reaction_option: objects.get(at::FAULT_REACTION_OPTION),
+            abort_connection_option: objects.get(at::ABORT_CONNECTION_OPTION),
+            target_position_qc: number(at::TARGET_POSITION),
+            target_speed_qc_s: number(at::TARGET_VELOCITY).clamp(-max_speed_rpm, max_speed_rpm)
+                * qc_s_per_rpm,
+            // per mille of uNm, over uNm/A, is mA
+            target_current_ma: number(at::TARGET_TORQUE) * number(at::RATED_TORQUE)
+                / torque_constant_unm_a,
+            current_limit_ma: number(at::OUTPUT_CURRENT_LIMIT),
+            standstill: Standstill {
+                window_qc_s: number(at::STANDSTILL_WINDOW) * qc_s_per_rpm,
+                time_s: seconds(at::STANDSTILL_TIME),
+                timeout_s: seconds(at::STANDSTILL_TIMEOUT),
+            },
+            homing: HomingParameters {
+                method: objects.get(at::HOMING_METHOD),
+                switch_search: homing_profile(at::HOMING_SPEED_SWITCH),
+                zero_search: homing_profile(at::HOMING_SPEED_ZERO),
+                position_qc: number(at::HOME_POSITION),
+                offset_qc: number(at::HOME_OFFSET),
+                current_threshold_ma: number(at::HOMING_CURRENT_THRESHOLD),
+            },
+            input_functions: std::array::from_fn(|input| {
+                objects.get(at::input_function(input as u8 + 1))
+            }),
+            input_polarity: objects.get(at::INPUT_POLARITY) as u16,
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! Packets of the primary and secondary interfaces (ports 30001, 30002): the robot state in sub-packages, and messages.
+
+use ur_link::{RuntimeState, SafetyMode};
+
+use super::{
+    Controller,
+    kinematics::{A_M, ALPHA_RAD, D_M},
+    outputs::JOINT_TEMPERATURE_C,
+    robot::Message,
+};
+
+const ROBOT_STATE: u8 = 16;
+const ROBOT_MESSAGE: u8 = 20;
+
+const TEXT_MESSAGE: u8 = 0;
+const VERSION_MESSAGE: u8 = 3;
+const ERROR_MESSAGE: u8 = 6;
+const KEY_MESSAGE: u8 = 7;
+const RUNTIME_EXCEPTION: u8 = 10;
+/// Violation, in error messages.
+const LEVEL_VIOLATION: i32 = 3;
+/// The controller itself, as source of a message.
+const SOURCE_CONTROLLER: i8 = -2;
+
+/// Configuration of the kinematics goes out with the first state of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Detail {
+    /// What changes.
+    State,
+    /// And what does not.
+    WithConfiguration,
+}
+
+impl Controller {
+    /// Appends the robot state.
+    pub(super) fn encode_state(&self, detail: Detail, out: &mut Vec<u8>) {
+        packet(out, ROBOT_STATE, |out| {
+            packet(out, 0, |out| self.encode_mode(out));
+            packet(out, 1, |out| self.encode_joints(out));
+            packet(out, 3, |out| self.encode_masterboard(out));
+            packet(out, 4, |out| {
+                doubles(out, &self.actual_tool_pose());
+                doubles(out, &self.robot.tcp_offset);
+            });
+            if detail == Detail::WithConfiguration {
+                packet(out, 5, encode_kinematics);
+                packet(out, 6, |out| self.encode_configuration(out));
+            }
+        });
+    }
+
+    /// Appends the message that follows a connection.
+    pub(super) fn encode_version(&self, out: &mut Vec<u8>) {
+        let [major, minor, bugfix, build] = self.robot.config.version;
+        self.message(out, VERSION_MESSAGE, |out| {
+            short_text(out, "URControl");
+            out.extend([major as u8, minor as u8]);
+            out.extend(bugfix.to_be_bytes());
+            out.extend(build.to_be_bytes());
+            out.extend(b"01-01-2024, 00:00:00");
+        });
+    }
+
+    /// Appends what was logged from this number on; gives the number of the next message.
+    pub(super) fn encode_messages(&self, since: u64, out: &mut Vec<u8>) -> u64 {
+        for message in self.robot.log.since(since) {
+            match message {
+                Message::Text(text) | Message::Popup(text) => {
+                    self.message(out, TEXT_MESSAGE, |out| out.extend(text.as_bytes()));
+                }
+                Message::Key { title, text } => self.message(out, KEY_MESSAGE, |out| {
+                    out.extend([0; 8]); // code, argument
+                    short_text(out, title);
+                    out.extend(text.as_bytes());
+                }),
+                Message::Error {
+                    code,
+                    argument,
+                    text,
+                } => self.message(out, ERROR_MESSAGE, |out| {
+                    for number in [*code, *argument, LEVEL_VIOLATION, 0, 0] {
+                        out.extend(number.to_be_bytes());
+                    }
+                    out.extend(text.as_bytes());
+                }),
+                Message::RuntimeException { line, column, text } => {
+                    self.message(out, RUNTIME_EXCEPTION, |out| {
+                        out.extend(line.to_be_bytes());
+                        out.extend(column.to_be_bytes());
+                        out.extend(text.as_bytes());
+                    })
+                }
+            }
+        }
+        self.robot.log.next()
+    }
+
+    fn message(&self, out: &mut Vec<u8>, kind: u8, write: impl FnOnce(&mut Vec<u8>)) {
+        packet(out, ROBOT_MESSAGE, |out| {
+            out.extend(self.timestamp_us().to_be_bytes());
+            out.extend(SOURCE_CONTROLLER.to_be_bytes());
+            out.push(kind);
+            write(out);
+        });
+    }
+
+    fn timestamp_us(&self) -> u64 {
+        (self.timestamp_s() * 1e6) as u64
+    }
+
+    fn encode_mode(&self, out: &mut Vec<u8>) {
+        let runtime = self.runtime_state();
+        out.extend(self.timestamp_us().to_be_bytes());
+        for flag in [
+            true,
+            true,
+            self.has_power(),
+            false,
+            self.safety_mode() == SafetyMode::ProtectiveStop,
+            runtime == RuntimeState::Playing,
+            runtime == RuntimeState::Paused,
+        ] {
+            out.push(u8::from(flag));
+        }
+        out.push(self.robot_mode().code() as u8);
+        out.push(0); // position control
+        doubles(out, &[self.robot.speed_slider, self.robot.scaling(), 1.0]);
+    }
+
+    fn encode_joints(&self, out: &mut Vec<u8>) {
+        for joint in 0..6 {
+            doubles(
+                out,
+                &[
+                    self.robot.drives.q[joint],
+                    self.robot.target.q[joint],
+                    self.robot.drives.qd[joint],
+                ],
+            );
+            floats(
+                out,
+                &[
+                    0.0,
+                    self.robot_voltage() as f32,
+                    JOINT_TEMPERATURE_C as f32,
+                    0.0,
+                ],
+            );
+            out.push(self.joint_mode() as u8);
+        }
+    }
+
+    fn encode_masterboard(&self, out: &mut Vec<u8>) {
+        out.extend(0u32.to_be_bytes());
+        out.extend((self.robot.digital_outputs as u32).to_be_bytes());
+        out.extend([0, 0]);
+        doubles(out, &[0.0, 0.0]);
+        out.extend([0, 0]);
+        doubles(out, &self.robot.analog_outputs);
+        floats(out, &[JOINT_TEMPERATURE_C as f32, 48.0, 0.6, 0.0]);
+        out.push(self.safety_mode().code() as u8);
+        out.extend([0, 0]); // reduced mode, euromap
+        out.extend(0u32.to_be_bytes());
+        out.extend([0, 0, 0]); // operational mode, enabling device, reserved
+    }
+
+    fn encode_configuration(&self, out: &mut Vec<u8>) {
+        let config = &self.robot.config;
+        for _ in 0..6 {
+            doubles(out, &[-config.joint_range_rad, config.joint_range_rad]);
+        }
+        for _ in 0..6 {
+            doubles(out, &[config.joint_speed_rad_s, config.joint_accel_rad_s2]);
+        }
+        // Defaults of movej and movel, and the radius that turns tool rotation into way.
+        doubles(out, &[1.05, 1.4, 0.25, 1.2, 0.5]);
+        doubles(out, &A_M);
+        doubles(out, &D_M);
+        doubles(out, &ALPHA_RAD);
+        doubles(out, &[0.0; 6]);
+        // Masterboard version, CB3 box, UR5, no sub type.
+        for number in [0i32, 2, 1, 0] {
+            out.extend(number.to_be_bytes());
+        }
+    }
+}
+
+fn encode_kinematics(out: &mut Vec<u8>) {
+    out.extend([0; 24]); // checksums
+    doubles(out, &[0.0; 6]);
+    doubles(out, &A_M);
+    doubles(out, &D_M);
+    doubles(out, &ALPHA_RAD);
+    out.extend(0u32.to_be_bytes());
+}
+
+/// Size, type, body: packets and sub-packages alike.
+fn packet(out: &mut Vec<u8>, kind: u8, write: impl FnOnce(&mut Vec<u8>)) {
+    let start = out.len();
+    out.extend([0, 0, 0, 0, kind]);
+    write(out);
+    let size = (out.len() - start) as i32;
+    out[start..start + 4].copy_from_slice(&size.to_be_bytes());
+}
+
+fn doubles(out: &mut Vec<u8>, values: &[f64]) {
+    values
+        .iter()
+        .for_each(|value| out.extend(value.to_be_bytes()));
+}
+
+fn floats(out: &mut Vec<u8>, values: &[f32]) {
+    values
+        .iter()
+        .for_each(|value| out.extend(value.to_be_bytes()));
+}
+
+fn short_text(out: &mut Vec<u8>, text: &str) {
+    let bytes = &text.as_bytes()[..text.len().min(255)];
+    out.push(bytes.len() as u8);
+    out.extend(bytes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ur5::Config;
+
+    #[test]
+    fn sub_packages_have_the_sizes_that_clients_choose_versions_by() {
+        let mut out = Vec::new();
+        Controller::new(Config::default()).encode_state(Detail::WithConfiguration, &mut out);
+        let mut sizes = Vec::new();
+        let mut rest = &out[5..];
+        while let [a, b, c, d, kind, ..] = rest {
+            let size = i32::from_be_bytes([*a, *b, *c, *d]) as usize;
+            sizes.push((*kind, size));
+            rest = &rest[size..];
+        }
+        assert_eq!(
+            sizes,
+            [(0, 46), (1, 251), (3, 75), (4, 101), (5, 225), (6, 445)]
+        );
+        assert_eq!(
+            i32::from_be_bytes([out[0], out[1], out[2], out[3]]) as usize,
+            out.len()
+        );
+    }
+}

@@ -1,0 +1,486 @@
+//! The arm without its programs: modes, motion, joints, registers. Programs act on it through these methods; it moves
+//! by one cycle at a time.
+
+use std::collections::VecDeque;
+
+use nalgebra::Isometry3;
+use ur_link::{RobotMode, rtde::wire::Value};
+
+use super::{
+    Config,
+    joints::Drives,
+    kinematics::{self, Joints},
+    motion::{self, Motion, Progress, Target},
+    power::Power,
+    registers::{Bank, Input, Outputs},
+};
+
+/// One cycle of a CB3 controller.
+pub const STEP_S: f64 = 0.008;
+/// Deceleration when a program ends or loses its motion, rad/s².
+const PROGRAM_STOP_RAD_S2: f64 = 4.0;
+/// Deceleration of a protective stop, rad/s².
+const PROTECTIVE_STOP_RAD_S2: f64 = 20.0;
+/// Largest change of the speed scaling in one cycle: full speed to pause in 80 ms.
+const SCALING_STEP: f64 = 0.1;
+/// Lines kept for clients that are slow to fetch them.
+const LOG_LINES: usize = 256;
+
+/// A thread of any program; no two of one controller share a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ThreadId(u64);
+
+/// One motion function begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Ticket(u64);
+
+/// State of the arm.
+#[derive(Debug)]
+pub struct Robot {
+    /// As configured.
+    pub config: Config,
+    /// Power, brakes, safety.
+    pub power: Power,
+    /// Joints as commanded.
+    pub target: Target,
+    /// Change of the commanded speeds, rad/s².
+    pub target_qdd: Joints,
+    /// Joints as they are.
+    pub drives: Drives,
+    /// Written by RTDE clients.
+    pub inputs: Bank,
+    /// Written by programs.
+    pub outputs: Bank,
+    /// Standard, configurable and tool outputs as bits 0..17.
+    pub digital_outputs: u64,
+    /// Analog outputs, 0..1.
+    pub analog_outputs: [f64; 2],
+    /// `set_tcp`: flange from tool, m and rotation vector.
+    pub tcp_offset: Joints,
+    /// `set_payload`, kg.
+    pub payload_kg: f64,
+    /// Centre of gravity at the flange, m.
+    pub payload_cog_m: [f64; 3],
+    /// 0..1
+    pub speed_slider: f64,
+    /// What clients are told, newest last.
+    pub log: Log,
+    cycle: u64,
+    scaling: f64,
+    paused: bool,
+    flange_from_tool: Isometry3<f64>,
+    motion: Motion,
+    owner: Option<ThreadId>,
+    ticket: Ticket,
+    reached: Ticket,
+    threads: u64,
+    output_masks: [u8; 3],
+    slider_unlocked: bool,
+    watchdogs: Vec<Watchdog>,
+}
+
+#[derive(Debug)]
+struct Watchdog {
+    input: Input,
+    period_s: f64,
+    last_s: f64,
+    action: WatchdogAction,
+}
+
+/// What `rtde_set_watchdog` does when its input is not written in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WatchdogAction {
+    /// The program waits.
+    Pause,
+    /// The program ends.
+    Stop,
+    /// Nothing.
+    Ignore,
+}
+
+impl Robot {
+    /// At rest in its first position.
+    pub fn new(config: Config) -> Self {
+        let mode = if config.powered {
+            RobotMode::Running
+        } else {
+            RobotMode::PowerOff
+        };
+        let q = config.joints_rad;
+        Self {
+            power: Power::new(mode, config.boot_s, config.brake_release_s),
+            target: Target::resting(q),
+            target_qdd: [0.0; 6],
+            drives: Drives::resting(
+                q,
+                config.joint_lag_s,
+                config.joint_speed_rad_s,
+                config.joint_accel_rad_s2,
+            ),
+            inputs: Bank::default(),
+            outputs: Bank::default(),
+            digital_outputs: 0,
+            analog_outputs: [0.0; 2],
+            tcp_offset: [0.0; 6],
+            payload_kg: 0.0,
+            payload_cog_m: [0.0; 3],
+            speed_slider: 1.0,
+            log: Log::default(),
+            cycle: 0,
+            scaling: 1.0,
+            paused: false,
+            flange_from_tool: Isometry3::identity(),
+            motion: Motion::Rest,
+            owner: None,
+            ticket: Ticket(0),
+            reached: Ticket(0),
+            threads: 0,
+            output_masks: [0; 3],
+            slider_unlocked: false,
+            watchdogs: Vec::new(),
+            config,
+        }
+    }
+
+    /// s since the controller started.
+    pub fn now_s(&self) -> f64 {
+        self.cycle as f64 * STEP_S
+    }
+
+    /// 0..1: the share of nominal speed at which paths advance.
+    pub fn scaling(&self) -> f64 {
+        self.scaling
+    }
+
+    /// The arm moves under a command.
+    pub fn is_moving(&self) -> bool {
+        !matches!(self.motion, Motion::Rest)
+    }
+
+    /// Nothing moved noticeably in the last cycle.
+    pub fn is_steady(&self) -> bool {
+        let fastest = self
+            .drives
+            .qd
+            .iter()
+            .fold(0.0, |fastest: f64, speed| fastest.max(speed.abs()));
+        fastest < 1e-3 && motion::largest_difference(&self.drives.q, &self.target.q) < 1e-3
+    }
+
+    /// Flange from tool, as set by `set_tcp`.
+    pub fn flange_from_tool(&self) -> &Isometry3<f64> {
+        &self.flange_from_tool
+    }
+
+    /// `set_tcp`.
+    pub fn set_tcp(&mut self, pose: Joints) {
+        self.tcp_offset = pose;
+        self.flange_from_tool = kinematics::from_pose(&pose);
+    }
+
+    /// Base from tool for these joints, as URScript writes it.
+    pub fn tool_pose(&self, joints: &Joints) -> Joints {
+        kinematics::to_pose(&(kinematics::flange(joints) * self.flange_from_tool))
+    }
+
+    /// Twist of the tool in base axes.
+    pub fn tool_speed(&self, joints: &Joints, speeds: &Joints) -> Joints {
+        let twist =
+            kinematics::jacobian(joints, &self.flange_from_tool) * nalgebra::Vector6::from(*speeds);
+        twist.into()
+    }
+
+    /// A number for a new thread.
+    pub fn new_thread(&mut self) -> ThreadId {
+        self.threads += 1;
+        ThreadId(self.threads)
+    }
+
+    /// Begins a motion for a thread.
+    ///
+    /// # Errors
+    /// Another thread's move is under way, or the arm may not move.
+    pub fn begin(&mut self, owner: ThreadId, motion: Motion) -> Result<Ticket, String> {
+        if !self.power.may_move() {
+            return Err(format!(
+                "arm may not move in robot mode {}, safety mode {}",
+                self.power.mode, self.power.safety
+            ));
+        }
+        let held = matches!(self.motion, Motion::Joints { .. } | Motion::Line { .. });
+        if held && self.owner.is_some_and(|other| other != owner) {
+            return Err("another thread is already controlling the robot".to_owned());
+        }
+        self.ticket.0 += 1;
+        self.motion = motion;
+        self.owner = Some(owner);
+        Ok(self.ticket)
+    }
+
+    /// The motion of this ticket has reached its goal, or another has replaced it.
+    pub fn has_ended(&self, ticket: Ticket) -> bool {
+        self.reached >= ticket || self.ticket > ticket
+    }
+
+    /// The thread ended or was killed: what it moved comes to rest.
+    pub fn release(&mut self, owner: ThreadId) {
+        if self.owner == Some(owner) {
+            self.stop(PROGRAM_STOP_RAD_S2);
+        }
+    }
+
+    /// Every joint to rest, leading joint with this deceleration.
+    fn stop(&mut self, accel: f64) {
+        self.owner = None;
+        self.ticket.0 += 1;
+        self.motion = Motion::JointSpeed {
+            speed: [0.0; 6],
+            accel,
+        };
+    }
+
+    /// Stops the arm until a person unlocks it.
+    pub fn protective_stop(&mut self, reason: &str) {
+        if self.power.safety.allows_motion() && self.power.mode == RobotMode::Running {
+            tracing::warn!(reason, now_s = self.now_s(), "protective stop");
+            self.log.push(Message::Error {
+                code: 153,
+                argument: 0,
+                text: format!("protective stop: {reason}"),
+            });
+            self.power.protective_stop();
+            self.stop(PROTECTIVE_STOP_RAD_S2);
+        }
+    }
+
+    /// Brakes on, power off.
+    pub fn power_off(&mut self) {
+        self.power.power_off();
+    }
+
+    /// A program waits or goes on; a motion slows down along its path.
+    pub fn set_paused(&mut self, paused: bool) {
+        self.paused = paused;
+    }
+
+    /// Nothing of an ended program stays: motion, pause, watchdogs.
+    pub fn program_ended(&mut self) {
+        self.paused = false;
+        self.watchdogs.clear();
+        if self.is_moving() {
+            self.stop(PROGRAM_STOP_RAD_S2);
+        }
+    }
+
+    /// `rtde_set_watchdog`.
+    pub fn set_watchdog(&mut self, input: Input, min_frequency_hz: f64, action: WatchdogAction) {
+        self.watchdogs.retain(|watchdog| watchdog.input != input);
+        self.watchdogs.push(Watchdog {
+            input,
+            period_s: 1.0 / min_frequency_hz,
+            last_s: self.now_s(),
+            action,
+        });
+    }
+
+    /// The action of a watchdog whose input was not written in time.
+    pub fn watchdog_bite(&self) -> Option<WatchdogAction> {
+        let late = |watchdog: &&Watchdog| self.now_s() - watchdog.last_s > watchdog.period_s + 1e-9;
+        self.watchdogs
+            .iter()
+            .find(late)
+            .map(|watchdog| watchdog.action)
+    }
+
+    /// What an RTDE client writes; takes effect in the next cycle.
+    pub fn write_input(&mut self, input: Input, value: Value) {
+        let now_s = self.now_s();
+        for watchdog in self
+            .watchdogs
+            .iter_mut()
+            .filter(|watchdog| watchdog.input == input)
+        {
+            watchdog.last_s = now_s;
+        }
+        match (input, value) {
+            (Input::Register(register), value) => register.write(&mut self.inputs, value),
+            (Input::SpeedSliderMask, Value::UInt32(mask)) => self.slider_unlocked = mask & 1 == 1,
+            (Input::SpeedSliderFraction, Value::Double(fraction))
+                if self.slider_unlocked && fraction.is_finite() =>
+            {
+                self.speed_slider = fraction.clamp(0.0, 1.0);
+            }
+            (Input::OutputMask(group), Value::UInt8(mask)) => {
+                self.output_masks[group as usize] = mask
+            }
+            (Input::Output(group), Value::UInt8(bits)) => {
+                let mask = self.output_masks[group as usize];
+                for bit in (0..group.count()).filter(|bit| mask >> bit & 1 == 1) {
+                    self.set_output(group, bit, bits >> bit & 1 == 1);
+                }
+            }
+            (Input::Analog(output), Value::Double(value)) => {
+                self.analog_outputs[output] = value.clamp(0.0, 1.0)
+            }
+            _ => {}
+        }
+    }
+
+    /// Switches one digital output; numbers outside the group are left out.
+    pub fn set_output(&mut self, group: Outputs, number: u32, on: bool) {
+        if number < group.count() {
+            let mask = 1 << (group.first_bit() + number);
+            self.digital_outputs = if on {
+                self.digital_outputs | mask
+            } else {
+                self.digital_outputs & !mask
+            };
+        }
+    }
+
+    /// One cycle of motion.
+    pub fn advance(&mut self) {
+        self.cycle += 1;
+        self.power.tick(self.now_s());
+        let wanted = if self.paused { 0.0 } else { self.speed_slider };
+        self.scaling += (wanted - self.scaling).clamp(-SCALING_STEP, SCALING_STEP);
+        if self.power.mode != RobotMode::Running {
+            self.rest_where_it_is();
+            return;
+        }
+        let before = self.target;
+        self.move_target();
+        self.drives.follow(&self.target.q, STEP_S);
+        for joint in 0..6 {
+            self.target_qdd[joint] = (self.target.qd[joint] - before.qd[joint]) / STEP_S;
+        }
+        let lead = motion::largest_difference(&self.target.q, &self.drives.q);
+        if lead > self.config.tracking_limit_rad {
+            self.protective_stop(&format!("position deviates from path by {lead:.3} rad"));
+        }
+    }
+
+    fn move_target(&mut self) {
+        let before = self.target;
+        // A stop takes its real time whatever the slider says.
+        let stopping = matches!(self.motion, Motion::JointSpeed { speed, .. } if speed == [0.0; 6]);
+        let dt = if stopping {
+            STEP_S
+        } else {
+            STEP_S * self.scaling
+        };
+        let progress = self
+            .motion
+            .advance(&mut self.target, &self.flange_from_tool, dt, STEP_S);
+        let fault = match progress {
+            Progress::NoSolution => Some("no joint positions for the pose on the path".to_owned()),
+            Progress::Moving | Progress::Reached => self.broken_limit(),
+        };
+        if let Some(fault) = fault {
+            self.target = before;
+            self.protective_stop(&fault);
+            return;
+        }
+        if progress == Progress::Reached {
+            self.reached = self.ticket;
+            let ends = match &self.motion {
+                Motion::Joints { .. } | Motion::Line { .. } => true,
+                Motion::JointSpeed { .. } | Motion::ToolSpeed { .. } => self.target.qd == [0.0; 6],
+                Motion::Rest | Motion::Servo { .. } => false,
+            };
+            if ends {
+                self.motion = Motion::Rest;
+                self.owner = None;
+                self.target.qd = [0.0; 6];
+            }
+        }
+    }
+
+    /// The first limit that the commanded joints break.
+    fn broken_limit(&self) -> Option<String> {
+        let (position, speed) = (self.config.joint_range_rad, self.config.joint_speed_rad_s);
+        (0..6).find_map(|joint| {
+            let (q, qd) = (self.target.q[joint], self.target.qd[joint]);
+            if !(q.is_finite() && q.abs() <= position) {
+                Some(format!("joint {joint} at {q:.3} rad, limit {position:.3}"))
+            } else if qd.abs() > speed * 1.05 {
+                Some(format!("joint {joint} at {qd:.3} rad/s, limit {speed:.3}"))
+            } else {
+                None
+            }
+        })
+    }
+
+    fn rest_where_it_is(&mut self) {
+        self.drives.brake();
+        self.target = Target::resting(self.drives.q);
+        self.target_qdd = [0.0; 6];
+        if self.is_moving() {
+            self.stop(PROGRAM_STOP_RAD_S2);
+            self.motion = Motion::Rest;
+        }
+    }
+}
+
+/// What the controller tells its clients on the primary interface.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Message {
+    /// `textmsg`.
+    Text(String),
+    /// `popup`.
+    Popup(String),
+    /// A program started or ended.
+    Key {
+        /// Such as "PROGRAM_XXX_STARTED".
+        title: String,
+        /// Name of the program.
+        text: String,
+    },
+    /// Printed as C153A0.
+    Error {
+        /// Code.
+        code: i32,
+        /// Argument.
+        argument: i32,
+        /// Explanation.
+        text: String,
+    },
+    /// A program went wrong.
+    RuntimeException {
+        /// From 1.
+        line: i32,
+        /// From 1.
+        column: i32,
+        /// Explanation.
+        text: String,
+    },
+}
+
+/// The last messages, numbered without end.
+#[derive(Debug, Default)]
+pub struct Log {
+    first: u64,
+    lines: VecDeque<Message>,
+}
+
+impl Log {
+    /// Appends; the oldest is forgotten when there are too many.
+    pub fn push(&mut self, message: Message) {
+        if self.lines.len() == LOG_LINES {
+            self.lines.pop_front();
+            self.first += 1;
+        }
+        self.lines.push_back(message);
+    }
+
+    /// Number that the next message gets.
+    pub fn next(&self) -> u64 {
+        self.first + self.lines.len() as u64
+    }
+
+    /// Messages from this number on that are still kept.
+    pub fn since(&self, number: u64) -> impl Iterator<Item = &Message> {
+        let skipped = usize::try_from(number.saturating_sub(self.first)).unwrap_or(usize::MAX);
+        self.lines.iter().skip(skipped)
+    }
+}

@@ -1,0 +1,168 @@
+//! The tree of a program.
+
+use super::value::Value;
+
+/// What one upload holds.
+#[derive(Debug)]
+pub struct Unit {
+    /// The program; bare lines are one without name.
+    pub main: Function,
+    /// `sec`: runs beside the program and may not move.
+    pub secondary: bool,
+}
+
+/// `def`, `thread` or `sec`.
+#[derive(Debug)]
+pub struct Function {
+    /// Its name.
+    pub name: String,
+    /// Parameters with their defaults.
+    pub params: Vec<(String, Option<Value>)>,
+    /// Statements.
+    pub body: Vec<Statement>,
+    /// A thread: to be run, not called.
+    pub thread: bool,
+    /// Where it begins.
+    pub line: u32,
+}
+
+/// A statement and its line.
+#[derive(Debug)]
+pub struct Statement {
+    /// From 1.
+    pub line: u32,
+    /// What it does.
+    pub kind: StatementKind,
+}
+
+/// Where an assignment goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// A local of this name, else a global, else a new local.
+    Nearest,
+    /// `local`
+    Local,
+    /// `global`
+    Global,
+}
+
+/// What statements do.
+#[derive(Debug)]
+pub enum StatementKind {
+    /// A call, usually.
+    Expression(Expression),
+    /// `name = value`, `name[index] = value`
+    Assign {
+        /// Where.
+        scope: Scope,
+        /// Variable.
+        name: String,
+        /// Element of a list or a pose.
+        index: Option<Expression>,
+        /// What.
+        value: Expression,
+    },
+    /// `if`, `elif`..., `else`
+    If {
+        /// Conditions with their statements.
+        arms: Vec<(Expression, Vec<Statement>)>,
+        /// `else`
+        otherwise: Vec<Statement>,
+    },
+    /// `while`
+    While(Expression, Vec<Statement>),
+    /// `break`
+    Break,
+    /// `continue`
+    Continue,
+    /// `return`
+    Return(Option<Expression>),
+    /// `kill`
+    Kill(Expression),
+    /// `join`
+    Join(Expression),
+    /// `enter_critical`
+    EnterCritical,
+    /// `exit_critical`
+    ExitCritical,
+    /// `halt`
+    Halt,
+    /// A function or thread inside.
+    Define(Function),
+}
+
+/// What gives a value.
+#[derive(Debug)]
+pub enum Expression {
+    /// As written.
+    Literal(Value),
+    /// A variable.
+    Name(String),
+    /// `[...]`
+    List(Vec<Expression>),
+    /// `p[...]` of six.
+    Pose(Vec<Expression>),
+    /// `a[b]`
+    Index(Box<Expression>, Box<Expression>),
+    /// `-a`, `not a`
+    Unary(Unary, Box<Expression>),
+    /// `a + b`
+    Binary(Binary, Box<Expression>, Box<Expression>),
+    /// `a and b`: the right side only when the left one does not decide.
+    And(Box<Expression>, Box<Expression>),
+    /// `a or b`
+    Or(Box<Expression>, Box<Expression>),
+    /// `f(a, n=b)`
+    Call(Call),
+    /// `run f(a)`
+    Run(Call),
+}
+
+/// Function and arguments.
+#[derive(Debug)]
+pub struct Call {
+    /// Function.
+    pub name: String,
+    /// Arguments by position.
+    pub positional: Vec<Expression>,
+    /// Arguments by name.
+    pub named: Vec<(String, Expression)>,
+}
+
+/// Operators with one operand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unary {
+    /// `-`
+    Negate,
+    /// `not`
+    Not,
+}
+
+/// Operators with two operands that are both evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binary {
+    /// `+`
+    Add,
+    /// `-`
+    Subtract,
+    /// `*`
+    Multiply,
+    /// `/`
+    Divide,
+    /// `%`
+    Modulo,
+    /// `==`
+    Equal,
+    /// `!=`
+    NotEqual,
+    /// `<`
+    Less,
+    /// `<=`
+    LessEqual,
+    /// `>`
+    Greater,
+    /// `>=`
+    GreaterEqual,
+    /// `xor`
+    Xor,
+}

@@ -1,0 +1,190 @@
+//! The camera and the referee as a client sees them, with all wires of the cell up.
+
+// Helpers of a test may panic as the test itself does.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use std::time::Duration;
+
+use arthro_bootstrap::{Drain, Service};
+use arthro_proto::common::v1 as common;
+use arthro_proto::simulator::v1::camera_service_client::CameraServiceClient;
+use arthro_proto::simulator::v1::capture_response::Payload;
+use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;
+use arthro_proto::simulator::v1::{
+    CaptureRequest, GetAccountRequest, GetCellRequest, GetCellResponse, ScoreRegistrationRequest,
+};
+use arthro_simulator::config::ArmConfig;
+use arthro_simulator::{Config, Server};
+use tokio::net::TcpListener;
+use tokio_stream::wrappers::TcpListenerStream;
+use tonic::transport::Channel;
+
+/// A served cell on free ports; ends with the test's runtime.
+struct Served {
+    channel: Channel,
+}
+
+impl Served {
+    async fn at(time_scale: f64) -> Self {
+        let arm = ArmConfig {
+            dashboard_port: 0,
+            primary_port: 0,
+            secondary_port: 0,
+            realtime_port: 0,
+            rtde_port: 0,
+            ..ArmConfig::default()
+        };
+        let config = Config {
+            time_scale,
+            forceps_arm: arm.clone(),
+            arthroscope_arm: arm,
+            can_listen: "127.0.0.1:0".parse().unwrap(),
+            ..Config::default()
+        };
+        let routes = Server::build(config, Drain::never()).await.unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        tokio::spawn(
+            tonic::transport::Server::builder()
+                .add_routes(routes)
+                .serve_with_incoming(TcpListenerStream::new(listener)),
+        );
+        let channel = Channel::from_shared(format!("http://{address}")).unwrap();
+        Self {
+            channel: channel.connect().await.unwrap(),
+        }
+    }
+
+    fn referee(&self) -> RefereeServiceClient<Channel> {
+        RefereeServiceClient::new(self.channel.clone())
+    }
+
+    async fn cell(&self) -> GetCellResponse {
+        let response = self.referee().get_cell(GetCellRequest {}).await;
+        response.unwrap().into_inner()
+    }
+
+    /// The cell once its clock has passed a time.
+    async fn cell_after(&self, cell_time_s: f64) -> GetCellResponse {
+        let mut poll = tokio::time::interval(Duration::from_millis(20));
+        loop {
+            poll.tick().await;
+            let cell = self.cell().await;
+            if cell.cell_time_s >= cell_time_s {
+                return cell;
+            }
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_comes_whole_and_in_order() {
+    let served = Served::at(1.0).await;
+    let mut camera = CameraServiceClient::new(served.channel.clone());
+    let mut stream = camera
+        .capture(CaptureRequest { seed: 3 })
+        .await
+        .unwrap()
+        .into_inner();
+    let Some(Payload::Header(header)) = stream.message().await.unwrap().unwrap().payload else {
+        panic!("the first message is no header")
+    };
+    let (mut depth, mut color) = (Vec::new(), Vec::new());
+    while let Some(message) = stream.message().await.unwrap() {
+        match message.payload.unwrap() {
+            Payload::Header(_) => panic!("a second header"),
+            Payload::Depth(bytes) => depth.extend_from_slice(&bytes),
+            Payload::Color(bytes) => color.extend_from_slice(&bytes),
+        }
+    }
+    let pixels = (header.width_px * header.height_px) as usize;
+    assert_eq!((depth.len(), color.len()), (2 * pixels, 3 * pixels));
+    let middle = 2 * (pixels / 2 + header.width_px as usize / 2);
+    let units = u16::from_le_bytes([depth[middle], depth[middle + 1]]);
+    let depth_mm = f64::from(units) * header.depth_unit_mm;
+    assert!((300.0..420.0).contains(&depth_mm), "{depth_mm} mm");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_clock_keeps_real_time_and_every_wire_has_an_address() {
+    let served = Served::at(1.0).await;
+    let first = served.cell_after(0.5).await;
+    let wall = tokio::time::Instant::now();
+    let cell = served.cell_after(first.cell_time_s + 1.5).await;
+    let passed_s = wall.elapsed().as_secs_f64();
+    let ratio = (cell.cell_time_s - first.cell_time_s) / passed_s;
+    assert!((0.8..1.2).contains(&ratio), "{ratio}");
+    assert!((0.8..1.2).contains(&cell.time_scale_reached), "{cell:?}");
+    assert!(cell.can_address.starts_with("socketcand://127.0.0.1:"));
+    assert_eq!(cell.arm_addresses.len(), 2);
+    for address in &cell.arm_addresses {
+        let [host, ports @ ..] = &address.split(':').collect::<Vec<_>>()[..] else {
+            panic!("{address}")
+        };
+        assert_eq!((*host, ports.len()), ("127.0.0.1", 3));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_clock_runs_faster_when_asked_and_tells_what_it_reaches() {
+    let served = Served::at(50.0).await;
+    let cell = served.cell_after(60.0).await;
+    // 50x where the machine has a core to spare; a loaded one is told apart from a clock that ignores its scale.
+    assert!((4.0..55.0).contains(&cell.time_scale_reached), "{cell:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_untouched_knee_has_an_empty_account() {
+    let served = Served::at(1.0).await;
+    let account = served.referee().get_account(GetAccountRequest {}).await;
+    let account = account.unwrap().into_inner();
+    assert!(
+        (1900.0..2100.0).contains(&account.tissue_mm3),
+        "{account:?}"
+    );
+    assert!(account.damaged_mm3 > 10.0);
+    assert_eq!(account.damaged_removed_mm3, 0.0);
+    assert_eq!((account.bites, account.collisions.len()), (0, 0));
+    assert_eq!(account.shafts.len(), 2);
+    assert!(account.rim_min_mm > 7.0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_claim_that_is_no_similarity_is_refused_by_field() {
+    let served = Served::at(1.0).await;
+    let unit = common::Quaternion {
+        w: 1.0,
+        ..Default::default()
+    };
+    let claim = |scale: f64, rotation: common::Quaternion, x_mm: f64| ScoreRegistrationRequest {
+        camera_from_ct: Some(common::Similarity {
+            scale,
+            rotation: Some(rotation),
+            translation: Some(common::Point {
+                x_mm,
+                ..Default::default()
+            }),
+        }),
+    };
+    let double = common::Quaternion { w: 2.0, ..unit };
+    for (request, field) in [
+        (ScoreRegistrationRequest::default(), "camera_from_ct"),
+        (claim(0.0, unit, 0.0), "camera_from_ct.scale"),
+        (claim(f64::NAN, unit, 0.0), "camera_from_ct.scale"),
+        (claim(1.0, double, 0.0), "camera_from_ct.rotation"),
+        (claim(1.0, unit, f64::NAN), "camera_from_ct.translation"),
+    ] {
+        let refusal = served
+            .referee()
+            .score_registration(request)
+            .await
+            .unwrap_err();
+        assert_eq!(refusal.code(), tonic::Code::InvalidArgument);
+        assert!(refusal.message().starts_with(field), "{refusal:?}");
+    }
+    let far = served
+        .referee()
+        .score_registration(claim(1.0, unit, 0.0))
+        .await;
+    assert!(far.unwrap().into_inner().tre_rms_mm > 100.0);
+}

@@ -1,0 +1,15 @@
+//! The world of the tests that cross services: a whole simulated cell with all services, each in a
+//! process of its own, on free loopback ports.
+//!
+//! ```ignore
+//! let cell = Cell::up().await;
+//! let mut motion = cell.motion().await;
+//! // ...
+//! cell.teardown().await;
+//! ```
+
+pub mod case;
+pub mod cell;
+pub mod peers;
+
+pub use cell::Cell;
