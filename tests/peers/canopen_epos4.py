@@ -163,9 +163,10 @@ def run(network, listener, nodes):
 
     profile_position(nodes[1])
     profile_velocity(nodes[3])
-    homing(nodes[2], 17, "the negative limit switch", -QC_PER_MM)
-    profile_position(nodes[2])
-    current_limit(nodes[2])
+    # The feed without a jaw: the other one is stopped by the jaw it closes.
+    homing(nodes[4], 17, "the negative limit switch", -QC_PER_MM)
+    profile_position(nodes[4])
+    current_limit(nodes[4])
     nodes[4].sdo[0x3142][1].raw = 255  # the limit switch lies before the stop
     homing(nodes[4], -4, "the hard stop by current", -2 * QC_PER_MM)
     nodes[4].sdo[0x3142][1].raw = 0

@@ -53,9 +53,14 @@ impl Cell {
     pub async fn case(&self) -> String {
         let (model, lesion) = (path(&self.at.model), path(&self.at.lesion));
         let created = self
-            .done(&["case", "create", "test", "--model", &model, "--lesion", &lesion])
+            .done(&[
+                "case", "create", "test", "--model", &model, "--lesion", &lesion,
+            ])
             .await;
-        let case = created["case_id"].as_str().expect("a case has an id").to_owned();
+        let case = created["case_id"]
+            .as_str()
+            .expect("a case has an id")
+            .to_owned();
         let simulator = self.url("simulator").to_owned();
         self.done(&["case", "scene", &case, "--simulator", &simulator])
             .await;

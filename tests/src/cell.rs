@@ -54,7 +54,10 @@ pub struct Cell {
 pub fn arthro() -> PathBuf {
     let test = std::env::current_exe().expect("a running test has a path");
     // target/release/deps/test-xyz -> target/release/arthro
-    let folder = test.ancestors().nth(2).expect("tests run from the target folder");
+    let folder = test
+        .ancestors()
+        .nth(2)
+        .expect("tests run from the target folder");
     let binary = folder.join("arthro");
     assert!(
         binary.is_file(),

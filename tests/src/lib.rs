@@ -8,6 +8,8 @@
 //! cell.teardown().await;
 //! ```
 
+#![allow(clippy::panic, reason = "a test says why it failed by panicking")]
+
 pub mod case;
 pub mod cell;
 pub mod peers;

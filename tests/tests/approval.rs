@@ -39,7 +39,10 @@ async fn a_plan_revised_after_approval_is_not_run() {
         case_id: case.clone(),
         bites,
     };
-    let revised = cases.revise_plan(request).await.expect("a bite may be left out");
+    let revised = cases
+        .revise_plan(request)
+        .await
+        .expect("a bite may be left out");
     let revised = revised.into_inner().case.expect("a case comes back");
     assert_ne!(revised.plan_digest, digest);
     assert_eq!(revised.approved_by, "");

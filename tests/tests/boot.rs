@@ -59,7 +59,14 @@ async fn flags_win_over_the_environment_and_the_environment_over_the_file() {
     assert!(dumped.contains("max_calls = 7"), "{dumped}");
     assert!(dumped.contains("drain_s = 1.5"), "{dumped}");
 
-    let flags = ["planning", "--config", path, "--set", "server.max_calls=9", "--dump-config"];
+    let flags = [
+        "planning",
+        "--config",
+        path,
+        "--set",
+        "server.max_calls=9",
+        "--dump-config",
+    ];
     let dumped = stdout(&serve(&flags).await);
     assert!(dumped.contains("max_calls = 9"), "{dumped}");
 }
@@ -68,14 +75,22 @@ async fn flags_win_over_the_environment_and_the_environment_over_the_file() {
 async fn an_unknown_key_is_refused_by_name() {
     let refused = serve(&["planning", "--set", "server.max_cals=9", "--dump-config"]).await;
     assert_eq!(refused.status.code(), Some(64));
-    assert!(stderr(&refused).contains("max_cals"), "{}", stderr(&refused));
+    assert!(
+        stderr(&refused).contains("max_cals"),
+        "{}",
+        stderr(&refused)
+    );
 }
 
 #[tokio::test]
 async fn a_public_address_without_tls_is_refused() {
     let refused = serve(&["planning", "--listen", "0.0.0.0:0"]).await;
     assert_eq!(refused.status.code(), Some(64));
-    assert!(stderr(&refused).contains("loopback"), "{}", stderr(&refused));
+    assert!(
+        stderr(&refused).contains("loopback"),
+        "{}",
+        stderr(&refused)
+    );
 }
 
 #[tokio::test]

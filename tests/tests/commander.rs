@@ -31,8 +31,13 @@ fn retract(fencing_token: u64) -> motion::MoveRequest {
 async fn a_second_commander_is_refused_and_told_who_commands() {
     let cell = Cell::up().await;
     let mut arms = cell.motion().await;
-    arms.acquire_lease(lease_request("first")).await.expect("nobody commands yet");
-    let refusal = arms.acquire_lease(lease_request("second")).await.unwrap_err();
+    arms.acquire_lease(lease_request("first"))
+        .await
+        .expect("nobody commands yet");
+    let refusal = arms
+        .acquire_lease(lease_request("second"))
+        .await
+        .unwrap_err();
     assert_eq!(status::reason(&refusal).as_deref(), Some("LEASE_HELD"));
     assert!(refusal.message().contains("first"), "{}", refusal.message());
 
@@ -41,7 +46,10 @@ async fn a_second_commander_is_refused_and_told_who_commands() {
         holder: holder.to_owned(),
         ttl_s: 30.0,
     };
-    drives.acquire_lease(ask("first")).await.expect("nobody commands yet");
+    drives
+        .acquire_lease(ask("first"))
+        .await
+        .expect("nobody commands yet");
     let refusal = drives.acquire_lease(ask("second")).await.unwrap_err();
     assert_eq!(status::reason(&refusal).as_deref(), Some("LEASE_HELD"));
     cell.teardown().await;
@@ -54,15 +62,25 @@ async fn a_move_without_a_lease_and_one_with_a_stale_token_are_refused() {
     let refusal = arms.r#move(retract(1)).await.unwrap_err();
     assert_eq!(status::reason(&refusal).as_deref(), Some("NO_LEASE"));
 
-    let first = arms.acquire_lease(lease_request("first")).await.expect("a lease");
+    let first = arms
+        .acquire_lease(lease_request("first"))
+        .await
+        .expect("a lease");
     let stale = first.into_inner().lease.expect("a lease").fencing_token;
     let request = motion::ReleaseLeaseRequest {
         fencing_token: stale,
     };
-    arms.release_lease(request).await.expect("a lease can be given back");
-    arms.acquire_lease(lease_request("second")).await.expect("a lease");
+    arms.release_lease(request)
+        .await
+        .expect("a lease can be given back");
+    arms.acquire_lease(lease_request("second"))
+        .await
+        .expect("a lease");
     let refusal = arms.r#move(retract(stale)).await.unwrap_err();
-    assert_eq!(status::reason(&refusal).as_deref(), Some("STALE_FENCING_TOKEN"));
+    assert_eq!(
+        status::reason(&refusal).as_deref(),
+        Some("STALE_FENCING_TOKEN")
+    );
     cell.teardown().await;
 }
 
@@ -73,10 +91,18 @@ async fn stopping_needs_no_lease() {
         arm: Arm::Unspecified.into(),
         reason: "test".to_owned(),
     };
-    cell.motion().await.stop(stop).await.expect("anyone may stop the arms");
+    cell.motion()
+        .await
+        .stop(stop)
+        .await
+        .expect("anyone may stop the arms");
     let stop = instrument::StopRequest {
         reason: "test".to_owned(),
     };
-    cell.instrument().await.stop(stop).await.expect("anyone may stop the drives");
+    cell.instrument()
+        .await
+        .stop(stop)
+        .await
+        .expect("anyone may stop the drives");
     cell.teardown().await;
 }

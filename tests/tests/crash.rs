@@ -31,7 +31,10 @@ async fn restarted_gateway(cell: &Cell) -> (Child, ProcedureServiceClient<Channe
         .await
         .expect("the gateway announces its address");
     let announced: serde_json::Value = serde_json::from_str(&line).expect("an announcement");
-    let address = format!("http://{}", announced["address"].as_str().expect("an address"));
+    let address = format!(
+        "http://{}",
+        announced["address"].as_str().expect("an address")
+    );
     let client = ProcedureServiceClient::connect(address)
         .await
         .expect("the gateway is reached");
@@ -99,8 +102,15 @@ async fn a_procedure_whose_gateway_was_killed_is_interrupted_where_it_was_and_wa
         plan_digest,
         operator: "test".to_owned(),
     };
-    let started = procedures.start_procedure(request).await.expect("it starts");
-    let id = started.into_inner().procedure.expect("a procedure").procedure_id;
+    let started = procedures
+        .start_procedure(request)
+        .await
+        .expect("it starts");
+    let id = started
+        .into_inner()
+        .procedure
+        .expect("a procedure")
+        .procedure_id;
     let inside = |procedure: &Procedure| {
         procedure.bites_done >= 1
             && procedure
@@ -140,7 +150,10 @@ async fn a_procedure_whose_gateway_was_killed_is_interrupted_where_it_was_and_wa
         action: RecoveryAction::Withdraw.into(),
         operator: "test".to_owned(),
     };
-    procedures.recover_procedure(request).await.expect("the operator decides");
+    procedures
+        .recover_procedure(request)
+        .await
+        .expect("the operator decides");
     watch_until(&mut procedures, &id, |procedure| {
         procedure.state() == ProcedureState::Aborted
     })
