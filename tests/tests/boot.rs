@@ -49,6 +49,22 @@ async fn every_service_dumps_a_configuration_that_it_reads_back() {
 }
 
 #[tokio::test]
+async fn the_configuration_of_a_real_cell_is_one_that_every_service_takes() {
+    let cell = concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/cell.toml");
+    for service in [
+        "registration",
+        "planning",
+        "motion",
+        "instrument",
+        "simulator",
+        "gateway",
+    ] {
+        let dumped = serve(&[service, "--config", cell, "--dump-config"]).await;
+        assert!(dumped.status.success(), "{service}: {}", stderr(&dumped));
+    }
+}
+
+#[tokio::test]
 async fn flags_win_over_the_environment_and_the_environment_over_the_file() {
     let file = tempfile::NamedTempFile::new().expect("a temporary file");
     let text = "[planning.server]\nmax_calls = 3\ndrain_s = 1.5\n";

@@ -216,12 +216,8 @@ impl Drives {
                 }
             }
             Event::BusError { class } if class & Id::ERROR_BUS_OFF != 0 => {
-                for axis in Axis::ALL {
-                    let fault = Fault::new("BUS_OFF", "the can controller went bus-off");
-                    if self.supervisor.latch(axis, fault.clone()) {
-                        findings.push(Finding::Fault(axis, fault));
-                    }
-                }
+                let fault = Fault::new("BUS_OFF", "the can controller went bus-off");
+                findings.extend(Axis::ALL.map(|axis| Finding::Fault(axis, fault.clone())));
             }
             Event::BusError { class } => {
                 tracing::warn!(class = format!("0x{class:X}"), "can bus error")
@@ -229,7 +225,7 @@ impl Drives {
         }
         for finding in findings {
             match finding {
-                Finding::Fault(axis, fault) => self.act_on_fault(axis, &fault),
+                Finding::Fault(axis, fault) => self.on_fault(axis, fault),
                 Finding::Started(axis) => {
                     self.session.set_up_anew(axis, "the drive has just started")
                 }
@@ -246,39 +242,33 @@ impl Drives {
             .map(|spec| spec.axis)
     }
 
+    /// Latches a fault, ends every operation, stops every drive. A drive that may have lost its settings is set up anew.
     fn on_fault(&mut self, axis: Axis, fault: Fault) {
-        if self.supervisor.latch(axis, fault.clone()) {
-            self.act_on_fault(axis, &fault);
-        }
-    }
-
-    /// A new fault has been latched: everything stops, and a drive that may have lost its settings is set up anew.
-    fn act_on_fault(&mut self, axis: Axis, fault: &Fault) {
-        tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
-        self.board
-            .update(|state| state.axes[axis.index()].fault = Some(fault.clone()));
-        if matches!(
-            fault.reason,
-            "HEARTBEAT_LOST" | "UNEXPECTED_BOOT_UP" | "NMT_STATE_LOST" | "SDO_NO_ANSWER"
-        ) {
+        if fault.loses_settings() {
             self.supervisor.unwatch(axis);
             self.session.set_up_anew(axis, &fault.detail);
         }
-        if axis == Axis::ForcepsFeed {
-            self.board.update(|state| state.jaw = Jaw::Unknown);
+        let is_new = self.supervisor.latch(axis, fault.clone());
+        if is_new {
+            tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
+            self.board.update(|state| {
+                state.axes[axis.index()].fault = Some(fault.clone());
+                if axis == Axis::ForcepsFeed {
+                    state.jaw = Jaw::Unknown;
+                }
+            });
         }
-        for running in std::mem::take(&mut self.running) {
-            let failure = Failure::Fault {
-                axis,
-                fault: fault.clone(),
-            };
-            let outcome = Outcome::Failed {
-                reason: failure.reason().to_owned(),
-                detail: failure.to_string(),
-            };
-            self.finish(running, outcome, None);
+        if is_new || !self.running.is_empty() {
+            let failure = Failure::Fault { axis, fault };
+            for running in std::mem::take(&mut self.running) {
+                let outcome = Outcome::Failed {
+                    reason: failure.reason().to_owned(),
+                    detail: failure.to_string(),
+                };
+                self.finish(running, outcome, None);
+            }
+            self.session.begin_stop();
         }
-        self.session.begin_stop();
     }
 
     fn on_bus_lost(&mut self, error: &str) {

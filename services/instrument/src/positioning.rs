@@ -15,7 +15,7 @@ pub struct Sample {
     pub position: f64,
     /// Object 0x30D1:02.
     pub current_ma: f64,
-    /// When, on the clock of the bus.
+    /// When the position was read, on the clock of the bus.
     pub stamp: Duration,
 }
 

@@ -37,6 +37,14 @@ impl Fault {
         }
     }
 
+    /// Whether the drive may have lost its settings, so that they must be made again.
+    pub fn loses_settings(&self) -> bool {
+        matches!(
+            self.reason,
+            "HEARTBEAT_LOST" | "UNEXPECTED_BOOT_UP" | "NMT_STATE_LOST" | "SDO_NO_ANSWER"
+        )
+    }
+
     /// The drive's own error, from an emergency or object 0x603F.
     pub fn of_drive(code: u16) -> Self {
         Self::new(
@@ -49,7 +57,7 @@ impl Fault {
 /// What a drive's report, or silence, means for its axis.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Finding {
-    /// A new fault, latched: everything is to be stopped.
+    /// A fault, whether or not the axis has one already.
     Fault(Axis, Fault),
     /// The drive has just started and has to be set up.
     Started(Axis),
@@ -121,7 +129,7 @@ impl Supervisor {
             ),
             heartbeat::Event::Lost { silent } => self.lost(silent),
         };
-        self.finding(axis, fault)
+        Some(Finding::Fault(axis, fault))
     }
 
     /// Lets the time of the bus advance.
@@ -132,24 +140,18 @@ impl Supervisor {
                 .as_mut()
                 .and_then(|consumer| consumer.on_time(stamp));
             if let Some(heartbeat::Event::Lost { silent }) = event {
-                let fault = self.lost(silent);
-                findings.extend(self.finding(axis, fault));
+                findings.push(Finding::Fault(axis, self.lost(silent)));
             }
         }
         findings
     }
 
     /// Takes an emergency. One that says that errors are gone recovers nothing.
-    pub fn on_emergency(&mut self, axis: Axis, emergency: Emergency) -> Option<Finding> {
+    pub fn on_emergency(&self, axis: Axis, emergency: Emergency) -> Option<Finding> {
         if emergency.code == Emergency::RESET {
             return None;
         }
-        self.finding(axis, Fault::of_drive(emergency.code))
-    }
-
-    fn finding(&mut self, axis: Axis, fault: Fault) -> Option<Finding> {
-        self.latch(axis, fault.clone())
-            .then_some(Finding::Fault(axis, fault))
+        Some(Finding::Fault(axis, Fault::of_drive(emergency.code)))
     }
 
     fn lost(&self, silent: Duration) -> Fault {
@@ -209,30 +211,30 @@ mod tests {
         );
         assert_eq!(supervisor.on_time(ms(1400)), []);
         let fault = Fault::new("HEARTBEAT_LOST", "no heartbeat for 0.401 s, limit 0.300 s");
-        assert_eq!(
-            supervisor.on_time(ms(1501)),
-            [Finding::Fault(AXIS, fault.clone())]
-        );
+        assert_eq!(supervisor.on_time(ms(1501)), [Finding::Fault(AXIS, fault)]);
         assert_eq!(supervisor.on_time(ms(9000)), [], "told once");
-        assert_eq!(supervisor.fault(AXIS), Some(&fault));
-        assert_eq!(supervisor.fault(Axis::ForcepsRotation), None);
     }
 
     #[test]
-    fn a_fault_stays_until_it_is_cleared_and_the_first_one_stands() {
-        let mut supervisor = watching();
+    fn an_emergency_is_a_fault_and_its_end_is_no_recovery() {
+        let supervisor = watching();
+        let following_error = Emergency::new(0x8611, 0x80);
         assert_eq!(
-            reason(supervisor.on_emergency(AXIS, Emergency::new(0x8611, 0x80))),
+            reason(supervisor.on_emergency(AXIS, following_error)),
             "FOLLOWING_ERROR"
-        );
-        assert_eq!(
-            supervisor.on_emergency(AXIS, Emergency::new(0x8130, 0x10)),
-            None
         );
         assert_eq!(
             supervisor.on_emergency(AXIS, Emergency::new(Emergency::RESET, 0)),
             None
         );
+    }
+
+    #[test]
+    fn the_first_fault_stands_until_it_is_cleared() {
+        let mut supervisor = watching();
+        assert!(supervisor.latch(AXIS, Fault::of_drive(0x8611)));
+        assert!(!supervisor.latch(AXIS, Fault::of_drive(0x8130)));
+        assert_eq!(supervisor.fault(Axis::ForcepsRotation), None);
         let detail = supervisor.fault(AXIS).map(|fault| fault.detail.as_str());
         assert_eq!(detail, Some("the drive reports 0x8611, following error"));
         supervisor.clear(AXIS);

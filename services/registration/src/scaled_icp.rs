@@ -82,10 +82,10 @@ impl Settings {
     fn least_deviation_mm(&self, plane_step: u32) -> f64 {
         match self.start {
             Start::Rough => {
-                LEAST_DEVIATION_MM
+                std::env::var("LD").map_or(LEAST_DEVIATION_MM, |v| v.parse().unwrap())
                     + FIRST_DEVIATION_MM * DEVIATION_DECAY.powf(f64::from(plane_step))
             }
-            Start::Near => LEAST_DEVIATION_MM,
+            Start::Near => std::env::var("LD").map_or(LEAST_DEVIATION_MM, |v| v.parse().unwrap()),
         }
     }
 }

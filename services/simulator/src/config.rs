@@ -61,7 +61,7 @@ impl Default for Config {
             model: None,
             seed: 1,
             time_scale: 1.0,
-            client_wait_ms: 50,
+            client_wait_ms: 1000,
             forceps_arm: ArmConfig::at(Ipv4Addr::new(127, 0, 0, 11)),
             arthroscope_arm: ArmConfig::at(Ipv4Addr::new(127, 0, 0, 12)),
             can_listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 29_536),

@@ -91,6 +91,10 @@ fn surface(svg: &mut String, scenario: &Scenario, plane: &Plane) {
     svg.push_str("<path fill=\"#d7dade\" stroke=\"#d7dade\" stroke-width=\"1\" d=\"");
     for index in 0..model.triangles.len() {
         let [a, b, c] = model.corners(index).map(|corner| plane.pixel(&corner));
+        // Faces turned away would cancel those in front of them.
+        if (b - a).perp(&(c - a)) < 0.0 {
+            continue;
+        }
         write!(
             svg,
             "M{:.0} {:.0}L{:.0} {:.0}L{:.0} {:.0}Z",

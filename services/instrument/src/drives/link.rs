@@ -77,14 +77,16 @@ impl Link {
 
     /// Measures, and shows the measurement on the board. A statusword that no standard knows is a failure.
     pub(super) async fn sample(&self) -> Result<Sample, Failure> {
-        let position = self.node.read(objects::POSITION_ACTUAL).await?;
+        // The position dates the sample: much time of the bus may pass between two answers, and a drive
+        // must not be held for late by where it was before that.
+        let position = self.node.read_stamped(objects::POSITION_ACTUAL).await?;
         let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
-        let statusword = self.node.read_stamped(objects::STATUSWORD).await?;
+        let statusword = self.node.read(objects::STATUSWORD).await?;
         let sample = Sample {
-            statusword: Statusword(statusword.value),
-            position: self.spec().drivetrain.to_position(position),
+            statusword: Statusword(statusword),
+            position: self.spec().drivetrain.to_position(position.value),
             current_ma: f64::from(current_ma),
-            stamp: statusword.stamp,
+            stamp: position.stamp,
         };
         self.board
             .update_axis(self.axis, |state| state.sample = Some(sample));

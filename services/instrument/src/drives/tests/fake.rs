@@ -104,12 +104,15 @@ impl FakeCell {
         self.bus.attach().send(emergency).unwrap();
     }
 
+    /// Nothing is heard of the drive between its end and its boot-up message.
     pub(super) fn restart(&self, node_id: usize) {
-        self.change(node_id, |drive| *drive = Drive::new(node_id as u8));
-        self.bus
-            .attach()
-            .send(heartbeat::encode(node_id as u8, nmt::State::BootUp))
-            .unwrap();
+        self.change(node_id, |drive| {
+            *drive = Drive::new(node_id as u8);
+            drive.dead = true;
+        });
+        let boot_up = heartbeat::encode(node_id as u8, nmt::State::BootUp);
+        self.bus.attach().send(boot_up).unwrap();
+        self.change(node_id, |drive| drive.dead = false);
     }
 
     async fn run(self, clock: Arc<AtomicU64>) {
