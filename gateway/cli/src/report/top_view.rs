@@ -151,7 +151,7 @@ fn bites(svg: &mut String, scenario: &Scenario, summary: &Summary, plane: &Plane
             svg,
             "\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"12\" text-anchor=\"middle\">{}</text>",
             at.x,
-            at.y + 4.0,
+            at.y - 6.0,
             index + 1
         )
         .ok();
