@@ -269,13 +269,21 @@ impl Problem {
             point_steps: 0,
             plane_steps: 40,
             matching: Matching::Exact,
-            start: if std::env::var("EX").is_ok() { Start::Rough } else { Start::Near },
+            start: if std::env::var("EX").is_ok() {
+                Start::Rough
+            } else {
+                Start::Near
+            },
             ..rough
         };
         let refined = self.refine_all(candidates, &self.fine_view, &rough, progress, cancel)?;
         let mut ranked = self.distinct(refined, usize::MAX, 4.0, 1.0);
         // The crescent slides along itself: a few degrees off, a pose may rest in a place of its own.
-        let beside = if std::env::var("BS").is_ok() { self.beside(&ranked[0]) } else { vec![] };
+        let beside = if std::env::var("BS").is_ok() {
+            self.beside(&ranked[0])
+        } else {
+            vec![]
+        };
         let beside = self.refine_all(beside, &self.fine_view, &rough, &mut |_| {}, cancel)?;
         ranked.extend(beside);
         let mut ranked = self.distinct(ranked, usize::MAX, 1.0, 0.3);
@@ -419,7 +427,9 @@ impl Problem {
         let mut residuals = self.residuals_mm(view, ct_from_camera);
         if let Ok(cut) = std::env::var("CUT") {
             let cut: f64 = cut.parse().unwrap();
-            return (residuals.iter().map(|r| r.min(cut).powi(2)).sum::<f64>() / residuals.len() as f64).sqrt();
+            return (residuals.iter().map(|r| r.min(cut).powi(2)).sum::<f64>()
+                / residuals.len() as f64)
+                .sqrt();
         }
         residuals.sort_by(f64::total_cmp);
         residuals.truncate((residuals.len() as f64 * kept_share).ceil() as usize);
