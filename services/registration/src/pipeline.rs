@@ -3,8 +3,7 @@
 //! any number of threads. Parallel parts run on the rayon pool of the caller.
 
 use arthro_geometry::frame::{Camera, Ct};
-use arthro_geometry::nalgebra::Unit;
-use arthro_geometry::{Cloud, Point3, Rotation, Similarity, Vector3};
+use arthro_geometry::{Cloud, Point3, Similarity};
 use rayon::prelude::*;
 
 use crate::cancel::Cancel;
@@ -109,8 +108,6 @@ const CONGRUENCE_TOLERANCE_MM: f64 = 1.3;
 const ROTATION_SEEDS: usize = 120;
 const COARSE_CANDIDATES: usize = 16;
 const FINALISTS: usize = 4;
-/// How far the best candidate is turned to look for a better place beside it, rad.
-const BESIDE_RAD: f64 = 0.07;
 
 /// Share of the view that ranks the many hypotheses.
 const SHORT_KEPT_SHARE: f64 = 0.85;
@@ -260,7 +257,7 @@ impl Problem {
         let rough = scaled_icp::Settings {
             point_steps: 4,
             plane_steps: 100,
-            kept_share: std::env::var("KS").map_or(MATCHED_SHARE, |v| v.parse().unwrap()),
+            kept_share: MATCHED_SHARE,
             scale: self.scale,
             matching: Matching::Rough,
             start: Start::Rough,
@@ -269,46 +266,16 @@ impl Problem {
             point_steps: 0,
             plane_steps: 40,
             matching: Matching::Exact,
-            start: if std::env::var("EX").is_ok() {
-                Start::Rough
-            } else {
-                Start::Near
-            },
+            start: Start::Near,
             ..rough
         };
         let refined = self.refine_all(candidates, &self.fine_view, &rough, progress, cancel)?;
         let mut ranked = self.distinct(refined, usize::MAX, 4.0, 1.0);
-        // The crescent slides along itself: a few degrees off, a pose may rest in a place of its own.
-        let beside = if std::env::var("BS").is_ok() {
-            self.beside(&ranked[0])
-        } else {
-            vec![]
-        };
-        let beside = self.refine_all(beside, &self.fine_view, &rough, &mut |_| {}, cancel)?;
-        ranked.extend(beside);
-        let mut ranked = self.distinct(ranked, usize::MAX, 1.0, 0.3);
         let rest = ranked.split_off(FINALISTS.min(ranked.len()));
         let mut finished = self.refine_all(ranked, &self.final_view, &exact, progress, cancel)?;
         finished.sort_by(|a, b| a.score.total_cmp(&b.score));
         finished.extend(rest);
         Ok(finished)
-    }
-
-    /// The candidate turned to both sides about each axis through the view's middle.
-    fn beside(&self, candidate: &Candidate) -> Vec<Candidate> {
-        let middle = candidate.refined * self.middle();
-        let turned = |axis: Unit<Vector3>, angle_rad: f64| {
-            let turn = Rotation::from_axis_angle(&axis, angle_rad);
-            let step = Similarity::<Ct, Ct>::new(1.0, turn, middle.coords - turn * middle.coords);
-            Candidate {
-                refined: step * candidate.refined,
-                ..candidate.clone()
-            }
-        };
-        [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()]
-            .into_iter()
-            .flat_map(|axis| [turned(axis, BESIDE_RAD), turned(axis, -BESIDE_RAD)])
-            .collect()
     }
 
     fn refine_all(
@@ -395,15 +362,9 @@ impl Problem {
         degrees: f64,
         millimetres: f64,
     ) -> bool {
-        let middle = self.middle();
+        let middle = self.short_view[self.short_view.len() / 2];
         a.rotation.angle_to(&b.rotation).to_degrees() < degrees
             && (*a * middle - *b * middle).norm() < millimetres
-    }
-
-    /// A point in the midst of the view.
-    fn middle(&self) -> Point3 {
-        let sum: Vector3 = self.short_view.iter().map(|p| p.coords).sum();
-        Point3::from(sum / self.short_view.len() as f64)
     }
 
     /// Distances of `view` to the model's surface, mm of the camera frame.
@@ -425,12 +386,6 @@ impl Problem {
         kept_share: f64,
     ) -> f64 {
         let mut residuals = self.residuals_mm(view, ct_from_camera);
-        if let Ok(cut) = std::env::var("CUT") {
-            let cut: f64 = cut.parse().unwrap();
-            return (residuals.iter().map(|r| r.min(cut).powi(2)).sum::<f64>()
-                / residuals.len() as f64)
-                .sqrt();
-        }
         residuals.sort_by(f64::total_cmp);
         residuals.truncate((residuals.len() as f64 * kept_share).ceil() as usize);
         (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt()

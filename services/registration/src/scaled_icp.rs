@@ -82,10 +82,10 @@ impl Settings {
     fn least_deviation_mm(&self, plane_step: u32) -> f64 {
         match self.start {
             Start::Rough => {
-                std::env::var("LD").map_or(LEAST_DEVIATION_MM, |v| v.parse().unwrap())
+                LEAST_DEVIATION_MM
                     + FIRST_DEVIATION_MM * DEVIATION_DECAY.powf(f64::from(plane_step))
             }
-            Start::Near => std::env::var("LD").map_or(LEAST_DEVIATION_MM, |v| v.parse().unwrap()),
+            Start::Near => LEAST_DEVIATION_MM,
         }
     }
 }
@@ -237,7 +237,8 @@ pub fn closed_form(
     }
     let svd = covariance.svd(true, true);
     let (u, v_transposed) = (svd.u?, svd.v_t?);
-    if !(svd.singular_values[1] > 1e-9 * svd.singular_values[0]) {
+    let (largest, second) = (svd.singular_values[0], svd.singular_values[1]);
+    if second.is_nan() || second <= 1e-9 * largest {
         return None;
     }
     // A reflection fits a flat cloud as well as a rotation: the least axis gives way.
