@@ -288,8 +288,12 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// A file that is there but not what it should be.
-pub fn unreadable(path: &Path, error: &dyn std::error::Error) -> Failure {
-    Failure::refused("FILE_INVALID", format!("{}: {error}", path.display()))
+pub fn unreadable(path: &Path, error: &(dyn std::error::Error + 'static)) -> Failure {
+    let failure = Failure::refused_because("FILE_INVALID", error);
+    Failure::refused(
+        "FILE_INVALID",
+        format!("{}: {}", path.display(), failure.message),
+    )
 }
 
 /// Answers of the gateway as JSON for programs and as lines for people.

@@ -6,6 +6,7 @@
 
 mod summary;
 
+use std::fs::File;
 use std::path::Path;
 use std::time::Instant;
 
@@ -32,6 +33,12 @@ const OPERATOR: &str = "arthro demo";
 /// Runs the demo to its end.
 pub async fn run(arguments: &arguments::Demo, output: &Output) -> Result<(), Failure> {
     let scenario = scenario(&arguments.cell, output)?;
+    // Better now than after the procedure.
+    let opened = File::options()
+        .create(true)
+        .append(true)
+        .open(&arguments.report);
+    opened.map_err(|error| report_unwritable(&arguments.report, &error))?;
     let (folder, _removed_at_the_end) = match &arguments.keep {
         Some(folder) => (folder.clone(), None),
         None => {
@@ -77,7 +84,7 @@ pub fn scenario(cell: &arguments::Cell, output: &Output) -> Result<Scenario, Fai
         Some(path) => Scenario::of_mesh(spec, read_model(path, output)?),
         None => Scenario::phantom(spec),
     };
-    scenario.map_err(|error| Failure::refused("MODEL_REFUSED", error.to_string()))
+    scenario.map_err(|error| Failure::refused_because("MODEL_REFUSED", &error))
 }
 
 /// Any surface will do here; a clinical case refuses one that does not state its space and unit.
@@ -178,11 +185,11 @@ async fn perform(
         total_seconds: began.elapsed().as_secs_f64(),
     };
     let html = report::html(scenario, &frame, &summary, &journal);
-    std::fs::write(&arguments.report, html).map_err(|error| {
-        Failure::failed(
-            "REPORT_UNWRITABLE",
-            format!("{}: {error}", arguments.report.display()),
-        )
-    })?;
+    std::fs::write(&arguments.report, html)
+        .map_err(|error| report_unwritable(&arguments.report, &error))?;
     Ok(summary)
+}
+
+fn report_unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::refused("REPORT_UNWRITABLE", format!("{}: {error}", path.display()))
 }

@@ -67,6 +67,11 @@ impl Failure {
         Self::new(Kind::Refused, reason, message)
     }
 
+    /// Refused input, with the whole chain of causes.
+    pub fn refused_because(reason: &str, error: &(dyn Error + 'static)) -> Self {
+        Self::refused(reason, chain(error))
+    }
+
     /// The exit code of the table above.
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self.kind {

@@ -209,34 +209,4 @@ impl http_body::Body for DeadlineBody {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn timeout_of(value: &str) -> Option<Duration> {
-        let mut headers = HeaderMap::new();
-        headers.insert("grpc-timeout", value.parse().unwrap());
-        grpc_timeout(&headers)
-    }
-
-    #[test]
-    fn a_timeout_header_is_read_in_every_unit() {
-        assert_eq!(timeout_of("2S"), Some(Duration::from_millis(1999)));
-        assert_eq!(timeout_of("50m"), Some(Duration::from_millis(49)));
-        assert_eq!(timeout_of("1H"), Some(Duration::from_millis(3_599_999)));
-        assert_eq!(timeout_of("1n"), Some(Duration::ZERO));
-    }
-
-    #[test]
-    fn a_malformed_timeout_header_is_ignored() {
-        for value in ["", "S", "123456789S", "5x", "-5S"] {
-            assert_eq!(timeout_of(value), None, "{value:?}");
-        }
-    }
-
-    #[test]
-    fn only_methods_named_stop_pass_the_limit() {
-        assert!(is_stop("/arthro.motion.v1.MotionService/Stop"));
-        assert!(is_stop("/arthro.gateway.v1.ProcedureService/StopProcedure"));
-        assert!(!is_stop("/arthro.motion.v1.MotionService/Move"));
-    }
-}
+mod tests;
