@@ -166,7 +166,7 @@ impl Default for Config {
             heartbeat_ms: 100,
             heartbeat_timeout_ms: 300,
             bus_silence_s: 3.0,
-            sdo_timeout_s: 1.0,
+            sdo_timeout_s: 2.0,
             axes: Axes {
                 forceps_rotation: AxisConfig::rotation(1, -180.0, 180.0),
                 forceps_feed: AxisConfig::feed(2),

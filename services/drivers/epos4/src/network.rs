@@ -23,10 +23,6 @@ use crate::frame::{Frame, Id, Stamped};
 
 pub use self::node::{Node, Nodes};
 
-/// A good [`Network::new`] timeout of an SDO answer. An answer is a matter of wire and firmware and not of motion: this
-/// is real time, also where the bus carries the time of a simulated cell.
-pub const SDO_TIMEOUT: Duration = Duration::from_secs(1);
-
 /// How many requests wait to be taken over by the network.
 const REQUEST_QUEUE_LEN: usize = 64;
 /// How many requests wait for one node.
@@ -182,7 +178,8 @@ struct Active {
 // === impl Network ===
 
 impl Network {
-    /// The network on a bus, waiting this long for each answer.
+    /// The network on a bus, waiting this long for each SDO answer. An answer is a matter of wire and firmware and not of
+    /// motion: this is real time, also where the bus carries the time of a simulated cell.
     pub fn new(bus: Box<dyn CanBus>, sdo_timeout: Duration) -> (Self, Nodes) {
         let (sender, requests) = mpsc::channel(REQUEST_QUEUE_LEN);
         (

@@ -58,7 +58,7 @@ impl World {
 
     fn start(cell: FakeCell) -> Self {
         let config = Config {
-            sdo_timeout_s: 1.0,
+            sdo_timeout_s: 3.0,
             ..Config::default()
         };
         let bus = cell.clone();

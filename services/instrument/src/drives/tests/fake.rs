@@ -91,10 +91,11 @@ impl FakeCell {
     /// Waits until a drive is as wanted.
     pub(super) async fn until(&self, node_id: usize, wanted: impl Fn(&Drive) -> bool) {
         let mut drives = self.drives.subscribe();
-        drives
-            .wait_for(|drives| wanted(&drives[node_id - 1]))
+        let reached = drives.wait_for(|drives| wanted(&drives[node_id - 1]));
+        let in_time = tokio::time::timeout(Duration::from_secs(30), reached)
             .await
-            .unwrap();
+            .is_ok();
+        assert!(in_time, "{:#?}", self.drive(node_id));
     }
 
     /// Sends an emergency and puts the drive into fault.
