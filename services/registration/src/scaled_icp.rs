@@ -237,8 +237,7 @@ pub fn closed_form(
     }
     let svd = covariance.svd(true, true);
     let (u, v_transposed) = (svd.u?, svd.v_t?);
-    let (largest, second) = (svd.singular_values[0], svd.singular_values[1]);
-    if second.is_nan() || second <= 1e-9 * largest {
+    if svd.singular_values[1] <= 1e-9 * svd.singular_values[0] {
         return None;
     }
     // A reflection fits a flat cloud as well as a rotation: the least axis gives way.

@@ -1,4 +1,9 @@
 //! The registration against problems whose truth is known, and its server against good and bad clients.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a helper that fails fails its test"
+)]
 
 mod properties;
 mod public_cases;

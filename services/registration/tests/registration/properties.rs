@@ -4,9 +4,14 @@ use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Cloud, Point3, Rotation, Similarity, Vector3};
 use arthro_registration::cancel::Cancel;
 use arthro_registration::error::Error;
+use arthro_registration::input::MAX_POINTS;
 use arthro_registration::pipeline::{Event, Options, Registration, register};
 use arthro_registration::verdict::Verdict;
-use proptest::prelude::*;
+use proptest::prelude::{
+    ProptestConfig, Strategy, any, prop, prop_assert, prop_assert_eq, proptest,
+};
+use rand::{Rng as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
 use crate::world::{crescent, seen};
 
@@ -183,4 +188,24 @@ fn a_cloud_in_metres_is_refused_with_the_question_whether_it_is() {
     };
     assert_eq!(violations.len(), 2);
     assert!(violations[0].description.contains("metres?"));
+}
+
+#[test]
+fn the_largest_clouds_accepted_are_registered_too() {
+    let (view, viewpoint) = view();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut grown = |points: &[Point3]| {
+        let jitter = |rng: &mut ChaCha8Rng| Vector3::from_fn(|_, _| rng.random_range(-0.15..0.15));
+        let points = points.iter().cycle().take(MAX_POINTS);
+        Cloud::new(points.map(|p| p + jitter(&mut rng)).collect())
+    };
+    let (source, target) = (grown(&crescent().points), grown(&view.points));
+    let options = Options {
+        viewpoint: Some(viewpoint),
+        ..Options::default()
+    };
+    let found = register(&source, &target, &options, &mut |_| {}, &Cancel::default()).unwrap();
+    let error_mm = largest_error_mm(&found.camera_from_ct, &Similarity::identity());
+    assert!(error_mm < 0.5, "{error_mm} mm");
+    assert_eq!(found.residuals_mm.len(), MAX_POINTS);
 }

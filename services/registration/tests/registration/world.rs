@@ -92,7 +92,6 @@ pub fn cases(level: &str) -> Vec<Case> {
                 target,
                 options: Options {
                     viewpoint: Some(Point3::from(vector(&case["target_viewpoint"]) / scale)),
-                    scale_tolerance: std::env::var("TOL").map_or(0.02, |v| v.parse().unwrap()),
                     ..Options::default()
                 },
                 truth: Similarity::new(1.0, rotation, vector(&case["t"]) / scale),
