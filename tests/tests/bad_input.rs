@@ -119,7 +119,7 @@ async fn clouds_that_cannot_be_registered_are_refused_by_name() {
     assert_names(&refusal, "target", &["line"]);
 
     let refusal = register(&cell, 400, &bowl(500, 1.0)).await.unwrap_err();
-    assert_names(&refusal, "target", &["400"]);
+    assert_names(&refusal, "target", &["6000 bytes", "4800"]);
     cell.teardown().await;
 }
 
