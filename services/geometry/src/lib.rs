@@ -11,6 +11,8 @@ pub mod frame;
 pub mod mesh;
 pub mod phantom;
 pub mod ply;
+pub mod stated;
+pub mod surface;
 pub mod transform;
 pub mod volume;
 
