@@ -13,6 +13,7 @@ pub mod pcd;
 pub mod phantom;
 pub mod ply;
 pub mod stated;
+pub mod stl;
 pub mod surface;
 pub mod transform;
 pub mod volume;
