@@ -9,6 +9,7 @@
 pub mod cloud;
 pub mod frame;
 pub mod mesh;
+pub mod obj;
 pub mod pcd;
 pub mod phantom;
 pub mod ply;
