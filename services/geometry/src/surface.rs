@@ -42,7 +42,7 @@ impl Surface {
     /// Carries the coordinates to LPS and mm, by what the file and the caller state.
     ///
     /// # Errors
-    /// When space or unit is stated by nobody, or the caller contradicts the file.
+    /// When space or unit is stated by nobody, the caller contradicts the file, or a coordinate is too large for mm.
     pub fn into_lps_mm(mut self, stated: Option<Stated>) -> Result<Self, Error> {
         let known = self.statements.and(stated)?;
         let unstated =
@@ -53,8 +53,12 @@ impl Surface {
         };
         let to_lps_mm = stated.to_lps_mm();
         let axes = to_lps_mm.map(f64::signum);
-        for point in self.cloud.points.iter_mut().chain(&mut self.viewpoint) {
-            point.coords.component_mul_assign(&to_lps_mm);
+        for (vertex, position) in self.cloud.points.iter_mut().enumerate() {
+            let carried = position.coords.component_mul(&to_lps_mm);
+            *position = point(vertex, carried.into(), ["x", "y", "z"])?;
+        }
+        if let Some(viewpoint) = &mut self.viewpoint {
+            viewpoint.coords.component_mul_assign(&to_lps_mm);
         }
         for normal in &mut self.cloud.normals {
             normal.component_mul_assign(&axes);
@@ -108,10 +112,12 @@ pub(crate) fn unit_normal(
     fields: [&'static str; 3],
 ) -> Result<Vector3, Error> {
     let normal = point(vertex, components, fields)?.coords;
-    normal.try_normalize(1e-6).ok_or(Error::NoDirection {
-        vertex,
-        length: normal.norm(),
-    })
+    let length = normal.norm();
+    if length.is_finite() && length > 1e-6 {
+        Ok(normal / length)
+    } else {
+        Err(Error::NoDirection { vertex, length })
+    }
 }
 
 /// Cuts a polygon into a fan of triangles about its first corner.

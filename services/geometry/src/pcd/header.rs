@@ -217,7 +217,7 @@ fn read_encoding(line: &mut Line<'_>) -> Result<Encoding, Error> {
 fn read_viewpoint(line: &mut Line<'_>) -> Result<Point3, Error> {
     let mut pose = [0.0; 7];
     for value in &mut pose {
-        *value = line.number(Scalar::F64, "VIEWPOINT")?;
+        *value = line.number(Scalar::F32, "VIEWPOINT")?;
         if !value.is_finite() {
             return Err(line.wrong(format!("VIEWPOINT has {value}, must be finite")));
         }

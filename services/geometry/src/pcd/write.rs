@@ -60,7 +60,7 @@ fn header(fields: &[&str], points: usize, viewpoint: Option<Point3>, encoding: E
     text.push_str(&format!("COUNT {}\n", each("1")));
     text.push_str(&format!("WIDTH {points}\nHEIGHT 1\n"));
     if let Some(Point3 { coords }) = viewpoint {
-        let [x, y, z] = [coords.x, coords.y, coords.z];
+        let [x, y, z] = [coords.x as f32, coords.y as f32, coords.z as f32];
         text.push_str(&format!("VIEWPOINT {x} {y} {z} 1 0 0 0\n"));
     }
     text.push_str(&format!("POINTS {points}\nDATA {}\n", encoding.word()));
