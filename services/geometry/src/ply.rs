@@ -34,7 +34,7 @@ pub fn read_mesh(bytes: &[u8], stated: Option<Stated>) -> Result<Mesh, Error> {
     read(bytes)?.into_lps_mm(stated)?.into_mesh()
 }
 
-/// Reads the vertices of a file into LPS and mm, with unit normals if they have `nx ny nz`; faces are left out.
+/// Reads the vertices of a file into LPS and mm, with unit normals if they have `nx ny nz`; faces are checked and left out.
 pub fn read_cloud(bytes: &[u8], stated: Option<Stated>) -> Result<Cloud, Error> {
     Ok(read(bytes)?.into_lps_mm(stated)?.cloud)
 }

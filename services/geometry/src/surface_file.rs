@@ -29,7 +29,7 @@ pub enum Error {
         source: surface::Error,
     },
     /// The kind of file does not hold this kind of surface.
-    #[error("a {kind} file cannot hold a {what}")]
+    #[error("{kind} files cannot hold a {what}")]
     CannotHold {
         /// The kind of file.
         kind: Kind,

@@ -45,12 +45,8 @@ fn the_files_are_accepted_before_they_are_broken() {
 }
 
 fn from_environment<T: FromStr>(name: &str) -> Option<T> {
-    let value = std::env::var(name).ok()?;
-    Some(
-        value
-            .parse()
-            .unwrap_or_else(|_| panic!("{name} is {value:?}, must be a number")),
-    )
+    let number = std::env::var(name).ok()?.parse().ok();
+    Some(number.expect("the variable holds a count"))
 }
 
 // === what must hold ===
@@ -82,11 +78,14 @@ fn assert_surface(surface: Surface) {
     }
 
     // OBJ keeps every digit, so what was read once reads back the same.
-    let again = obj::read(&obj::write_cloud(&cloud)).unwrap().cloud;
+    let again = obj::read(&obj::write_cloud(&cloud))
+        .expect("a cloud that was read is written soundly")
+        .cloud;
     assert_eq!(again.points, cloud.points);
     assert_eq!(again.normals.len(), cloud.normals.len());
     if let Ok(mesh) = surface.into_mesh() {
-        let again = obj::read(&obj::write_mesh(&mesh)).unwrap();
+        let again =
+            obj::read(&obj::write_mesh(&mesh)).expect("a mesh that was read is written soundly");
         assert_eq!(again.triangles, mesh.triangles);
     }
 }

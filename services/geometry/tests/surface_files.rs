@@ -3,6 +3,9 @@
 //! Real menisci come from the folder `$ARTHRO_DATA`, by default `../shared/data` beside the workspace. Without it the
 //! test that needs it says so and passes.
 
+// Helpers of a test may panic as the test itself does.
+#![allow(clippy::unwrap_used)]
+
 use std::error::Error as _;
 use std::path::PathBuf;
 
@@ -113,9 +116,9 @@ fn what_a_kind_cannot_hold_is_neither_read_nor_written() {
     };
     assert_eq!(refused, expected);
     let error = write_cloud("a.stl", &cloud).unwrap_err().to_string();
-    assert_eq!(error, "a STL file cannot hold a cloud");
+    assert_eq!(error, "STL files cannot hold a cloud");
     let error = write_mesh("a.pcd", &Mesh::default()).unwrap_err();
-    assert_eq!(error.to_string(), "a PCD file cannot hold a mesh");
+    assert_eq!(error.to_string(), "PCD files cannot hold a mesh");
     assert!(write_mesh("a.vtk", &Mesh::default()).is_err());
 }
 

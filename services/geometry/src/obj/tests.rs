@@ -150,6 +150,10 @@ fn broken_files_are_refused_by_name_value_and_limit() {
         error("vn 0 0 2", "vn 0 0 0"),
         "vertex[0] has a normal of length 0, must be 1"
     );
+    assert_eq!(
+        error("vn 0 0 2", "vn 1e200 0 1e200"),
+        "vertex[0] has a normal of length inf, must be 1"
+    );
     assert_eq!(refused("v 1 1 1\n"), "the file has no faces");
     assert_eq!(refused(""), "the file has no vertices");
     let far = format!("f {}", i64::MIN);
