@@ -70,7 +70,7 @@ impl Cell {
     /// A case with an accepted registration.
     pub async fn registered_case(&self) -> String {
         let case = self.case().await;
-        self.done(&["register", &case]).await;
+        self.done(&["case", "register", &case]).await;
         self.done(&["case", "accept", &case, "--operator", "test"])
             .await;
         case

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use arthro_geometry::Point3;
+use arthro_registration::scale::ScaleRange;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// An arthroscopic robot system for meniscoplasty.
@@ -39,8 +40,11 @@ pub enum Command {
     /// Creates and shows cases, and gives them a scene.
     #[command(subcommand)]
     Case(Case),
-    /// Registers a case's model to its scene.
+    /// Finds a model in a view, from two files, without any server.
     Register(Register),
+    /// Runs a benchmark on a folder of cases with known truth.
+    #[command(subcommand)]
+    Bench(Bench),
     /// Plans a case's bites, or approves the plan.
     Plan(Plan),
     /// Starts the approved plan of a case and watches it to the end.
@@ -126,6 +130,8 @@ pub enum Case {
     Show { case: String },
     /// Gives a case what the camera saw.
     Scene(CaseScene),
+    /// Registers a case's model to its scene.
+    Register(RegisterCase),
     /// Accepts the registration.
     Accept {
         case: String,
@@ -195,7 +201,7 @@ pub struct CaseScene {
 }
 
 #[derive(Debug, Args)]
-pub struct Register {
+pub struct RegisterCase {
     pub case: String,
     /// Scale expected from the sensors; 0 means 1.
     #[arg(long, default_value_t = 0.0)]
@@ -205,6 +211,63 @@ pub struct Register {
     pub scale_tolerance: f64,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+pub struct Register {
+    /// The model: its whole surface, as a cloud or a mesh (PLY, PCD, STL, OBJ).
+    pub source: PathBuf,
+    /// The view: what a camera saw of it.
+    pub target: PathBuf,
+    /// The scale of target over source: one that is known (within 2 %), a range LOW..HIGH, or `free` (0.3..3.5).
+    #[arg(long, value_parser = scale, default_value = "1.0")]
+    pub scale: ScaleRange,
+    /// Where the camera stood, in the target's coordinates: x,y,z. 0,0,0 for a cloud in the camera's frame.
+    #[arg(long, value_parser = point, allow_hyphen_values = true)]
+    pub viewpoint: Option<Point3>,
+    /// How the pose is found.
+    #[arg(long, value_enum, default_value_t = MethodName::Robust)]
+    pub method: MethodName,
+    /// Box whose error is predicted: two opposite corners x,y,z,x,y,z in the source's coordinates; all of the model if not given.
+    #[arg(long, value_parser = target_box, allow_hyphen_values = true)]
+    pub target_region: Option<(Point3, Point3)>,
+    /// Seconds after which the best pose so far is answered.
+    #[arg(long, value_name = "SECONDS")]
+    pub deadline: Option<f64>,
+    /// Seed of the paper's method; the robust one draws nothing at random.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Draws the registration to this file.
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+    #[command(flatten)]
+    pub stated: StatedSpace,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MethodName {
+    /// Every pose and scale is tried, the physics of the view judges.
+    Robust,
+    /// Super4PCS with the scale of the bounding boxes, then scaled ICP, as the paper has it.
+    Paper,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Bench {
+    /// Registers every case of a folder with `cases.json` (clouds, true poses) and prints how many are solved.
+    Registration(BenchRegistration),
+}
+
+#[derive(Debug, Args)]
+pub struct BenchRegistration {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Only cases whose name contains this.
+    #[arg(long, value_name = "TEXT")]
+    pub only: Option<String>,
+    /// Prints a line for each case.
+    #[arg(long)]
+    pub each: bool,
 }
 
 #[derive(Debug, Args)]
@@ -305,6 +368,28 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     numbers
         .try_into()
         .map_err(|_| format!("{count} numbers; expected {N}"))
+}
+
+fn scale(text: &str) -> Result<ScaleRange, String> {
+    if text == "free" {
+        return Ok(ScaleRange {
+            low: 0.3,
+            high: 3.5,
+        });
+    }
+    let number = |part: &str| match part.trim().parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err(format!(
+            "{part:?} is not a number greater than 0; give 1.0, 0.3..3.5 or free"
+        )),
+    };
+    match text.split_once("..") {
+        Some((low, high)) => Ok(ScaleRange {
+            low: number(low)?,
+            high: number(high.trim_start_matches('='))?,
+        }),
+        None => Ok(ScaleRange::known(number(text)?)),
+    }
 }
 
 fn point(text: &str) -> Result<Point3, String> {

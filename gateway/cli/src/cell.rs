@@ -309,7 +309,7 @@ fn announce(cell: &Cell, output: &Output) {
          export ARTHRO_GATEWAY={gateway}\n  \
          arthro case create knee --model {folder}/model.ply --lesion {folder}/lesion.ply   # prints CASE\n  \
          arthro case scene CASE --simulator {simulator}\n  \
-         arthro register CASE && arthro case accept CASE --operator you\n  \
+         arthro case register CASE && arthro case accept CASE --operator you\n  \
          arthro plan CASE --targets {folder}/targets.toml                                  # prints DIGEST\n  \
          arthro plan CASE --approve DIGEST --surgeon you\n  \
          arthro run CASE --operator you\n\n\

@@ -13,13 +13,13 @@ use arthro_proto::gateway::v1::{
 use serde_json::json;
 
 use crate::arguments::{
-    Arguments, Case, Command, Plan, RecoveryName, SpaceName, StatedSpace, UnitName,
+    Arguments, Bench, Case, Command, Plan, RecoveryName, SpaceName, StatedSpace, UnitName,
 };
 use crate::cell::targets::Targets;
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::{cell, demo, scene};
+use crate::{bench, cell, demo, register, scene};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -30,19 +30,8 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         // Started before any runtime exists; see `main`.
         Command::Serve(_) => Ok(()),
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
-        Command::Register(register) => {
-            let request = RegisterCaseRequest {
-                case_id: register.case,
-                scale_prior: register.scale_prior,
-                scale_tolerance: register.scale_tolerance,
-                seed: register.seed,
-            };
-            let result = connect().await?.register(request, output).await?;
-            let value = show::registration(&result);
-            output.line(show::table(&value));
-            output.result(&value);
-            Ok(())
-        }
+        Command::Register(register) => register::run(register, output).await,
+        Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
         Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
         Command::Run(run) => {
             let mut gateway = connect().await?;
@@ -184,6 +173,18 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             output.line(format!("{} points", stored.point_count));
             output.result(&json!({"points": stored.point_count}));
         }
+        Case::Register(register) => {
+            let request = RegisterCaseRequest {
+                case_id: register.case,
+                scale_prior: register.scale_prior,
+                scale_tolerance: register.scale_tolerance,
+                seed: register.seed,
+            };
+            let result = gateway.register(request, output).await?;
+            let value = show::registration(&result);
+            output.line(show::table(&value));
+            output.result(&value);
+        }
         Case::Accept { case, operator } => {
             let case = gateway.accept(&case, &operator).await?;
             output.line(show::case_state(&case));
@@ -267,7 +268,8 @@ fn point(point: &Point3) -> Point {
     }
 }
 
-fn stated(given: StatedSpace) -> Option<Stated> {
+/// What the caller states of a file.
+pub fn stated(given: StatedSpace) -> Option<Stated> {
     Some(Stated {
         space: match given.space? {
             SpaceName::Lps => Space::Lps,

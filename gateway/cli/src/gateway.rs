@@ -144,6 +144,10 @@ impl Gateway {
         let mut result = None;
         while let Some(message) = events.message().await? {
             match message.event.and_then(|event| event.event) {
+                Some(register_response::Event::Progress(progress)) => bar.set_message(format!(
+                    "search: scale {} of {}, residual {:.2} mm",
+                    progress.scales, progress.scales_in_all, progress.score_mm
+                )),
                 Some(register_response::Event::Candidate(candidate)) => bar.set_message(format!(
                     "coarse: {:.0} % inliers, {:.2} mm2",
                     candidate.inlier_share * 100.0,

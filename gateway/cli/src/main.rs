@@ -5,12 +5,14 @@
 //! the last line on standard output is then one JSON object. Exit codes are in [`exit`].
 
 mod arguments;
+mod bench;
 mod cell;
 mod commands;
 mod demo;
 mod exit;
 mod gateway;
 mod output;
+mod register;
 mod report;
 mod scene;
 mod serve;

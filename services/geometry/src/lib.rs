@@ -14,6 +14,7 @@ pub mod obj;
 pub mod pcd;
 pub mod phantom;
 pub mod ply;
+pub mod sampled;
 pub mod stated;
 pub mod stl;
 pub mod surface;

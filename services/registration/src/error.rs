@@ -11,6 +11,9 @@ pub enum Error {
     /// The input cannot be worked with; every violation found.
     #[error("{}", Listed(.0))]
     Invalid(Vec<Violation>),
+    /// No pose can be formed from these clouds.
+    #[error("no pose of the model fits any part of the view")]
+    NothingFound,
     /// The owner asked to stop.
     #[error("the computation was cancelled")]
     Cancelled,
@@ -44,6 +47,7 @@ impl From<Error> for Status {
                     .map(|violation| (violation.field, violation.description))
                     .collect(),
             ),
+            error @ Error::NothingFound => status::refused("NOTHING_FOUND", error.to_string(), &[]),
             Error::Cancelled => Status::cancelled("the computation was cancelled"),
         }
     }

@@ -5,23 +5,27 @@ use arthro_geometry::{Cloud, Point3, Vector3};
 
 use crate::error::{Error, Violation};
 use crate::pipeline::Options;
+use crate::scale::ScaleRange;
 
 /// Fewest points of a cloud.
 pub const MIN_POINTS: usize = 100;
 /// Most points of a cloud.
 pub const MAX_POINTS: usize = 2_000_000;
 /// Smallest diagonal of a cloud's bounding box, mm.
-pub const MIN_EXTENT_MM: f64 = 5.0;
+pub const MIN_EXTENT_MM: f64 = 0.5;
 /// Largest diagonal of a cloud's bounding box, mm.
 pub const MAX_EXTENT_MM: f64 = 1000.0;
 /// Farthest a coordinate may be from its origin, mm.
 pub const MAX_COORDINATE_MM: f64 = 100_000.0;
 /// A cloud whose second widest direction spreads less than this, mm, lies on a line.
 pub const MIN_WIDTH_MM: f64 = 0.5;
-/// Scale priors accepted: between two sensors that may differ in unit by mistake of neither.
-pub const SCALE_PRIORS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
-/// Largest tolerance of the scale prior, as a fraction.
-pub const MAX_SCALE_TOLERANCE: f64 = 0.5;
+/// Scales accepted: between two sensors that may differ in unit by mistake of neither.
+pub const SCALES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+/// Widest range of scales, as the ratio of its ends; what is searched grows with its logarithm.
+pub const MAX_SCALE_RATIO: f64 = 100.0;
+
+/// Shortest time that a registration can be asked to answer in, s.
+pub const MIN_DEADLINE_S: f64 = 0.05;
 
 /// Refuses what cannot be registered.
 pub fn check(source: &Cloud, target: &Cloud, options: &Options) -> Result<(), Error> {
@@ -38,24 +42,34 @@ pub fn check(source: &Cloud, target: &Cloud, options: &Options) -> Result<(), Er
 /// What is wrong with the options.
 pub fn options_violations(options: &Options) -> Vec<Violation> {
     let mut violations = Vec::new();
-    if !SCALE_PRIORS.contains(&options.scale_prior) {
+    let ScaleRange { low, high } = options.scale;
+    let is_scale = |scale: &f64| SCALES.contains(scale);
+    if !is_scale(&low) || !is_scale(&high) {
         violations.push(Violation::new(
-            "scale_prior",
+            "scale",
             format!(
-                "is {}, must be {} to {}",
-                options.scale_prior,
-                SCALE_PRIORS.start(),
-                SCALE_PRIORS.end()
+                "is {low} to {high}, must be within {} to {}",
+                SCALES.start(),
+                SCALES.end()
             ),
         ));
-    }
-    if !(options.scale_tolerance >= 0.0 && options.scale_tolerance <= MAX_SCALE_TOLERANCE) {
+    } else if low > high {
         violations.push(Violation::new(
-            "scale_tolerance",
-            format!(
-                "is {}, must be 0 to {MAX_SCALE_TOLERANCE}",
-                options.scale_tolerance
-            ),
+            "scale",
+            format!("is the empty range {low} to {high}, must begin at or below its end"),
+        ));
+    } else if high / low > MAX_SCALE_RATIO {
+        violations.push(Violation::new(
+            "scale",
+            format!("is {low} to {high}, must span at most a factor of {MAX_SCALE_RATIO}"),
+        ));
+    }
+    if let Some((low, high)) = options.target_region
+        && !(low.iter().chain(high.iter()).all(|c| c.is_finite()) && low <= high)
+    {
+        violations.push(Violation::new(
+            "target_region",
+            format!("is {low} to {high}, must be a box with its lower corner first"),
         ));
     }
     if let Some(viewpoint) = options.viewpoint
@@ -179,15 +193,41 @@ mod tests {
     #[test]
     fn bad_options_are_all_named_at_once() {
         let options = Options {
-            scale_prior: f64::NAN,
-            scale_tolerance: 0.6,
+            scale: ScaleRange {
+                low: 3.5,
+                high: 0.3,
+            },
             viewpoint: Some(Point3::new(0.0, f64::INFINITY, 0.0)),
+            target_region: Some((Point3::new(1.0, 0.0, 0.0), Point3::origin())),
             ..Options::default()
         };
-        let fields: Vec<String> = options_violations(&options)
+        let said: Vec<String> = options_violations(&options)
             .into_iter()
-            .map(|violation| violation.field)
+            .map(|violation| format!("{} {}", violation.field, violation.description))
             .collect();
-        assert_eq!(fields, ["scale_prior", "scale_tolerance", "viewpoint"]);
+        assert_eq!(said.len(), 3);
+        assert!(
+            said[0].starts_with("scale is the empty range 3.5 to 0.3"),
+            "{}",
+            said[0]
+        );
+        assert!(said[1].starts_with("target_region"));
+        assert!(said[2].starts_with("viewpoint"));
+    }
+
+    #[test]
+    fn scales_beyond_all_reason_are_refused() {
+        for (low, high, expected) in [
+            (f64::NAN, 1.0, "must be within"),
+            (-1.0, 1.0, "must be within"),
+            (0.01, 100.0, "must span at most"),
+        ] {
+            let options = Options {
+                scale: ScaleRange { low, high },
+                ..Options::default()
+            };
+            let said = &options_violations(&options)[0].description;
+            assert!(said.contains(expected), "{said}");
+        }
     }
 }

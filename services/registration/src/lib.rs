@@ -2,22 +2,31 @@
 //! on partial views, and an honest verdict. [`pipeline::register`] is the whole of it without any server;
 //! [`depth::deproject`] makes the view from a depth image.
 
-pub mod cancel;
+pub mod budget;
+pub mod cells;
 pub mod config;
+pub mod contact;
+pub mod covariance;
 pub mod depth;
 pub mod error;
-mod field;
+pub mod evidence;
+pub mod gate;
 pub mod input;
+pub mod lattice;
+pub mod model;
 pub mod mse;
 pub mod neighbours;
+pub mod paper;
 pub mod pipeline;
+pub mod problem;
+pub mod robust;
 pub mod sampling;
+pub mod scale;
 pub mod scaled_icp;
-pub mod seeds;
 mod server;
 pub mod super4pcs;
 pub mod surface;
-pub mod verdict;
+pub mod view;
 pub mod visibility;
 
 use arthro_bootstrap::{BoxError, Drain};

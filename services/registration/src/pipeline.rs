@@ -1,41 +1,53 @@
-//! The whole registration: Super4PCS and spread rotations give poses, short refinement ranks them, scaled ICP
-//! finishes the best ones, and the evidence is judged. Pure and deterministic: same input and seed, same answer on
-//! any number of threads. Parallel parts run on the rayon pool of the caller.
+//! The whole registration behind one function: a pose by one of two methods, the evidence for it, the verdict.
+//! Pure and deterministic: same input and seed, same answer on any number of threads. Parallel parts run on the rayon
+//! pool of the caller.
 
 use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Cloud, Point3, Similarity};
 
-use crate::cancel::Cancel;
+use crate::budget::Budget;
+use crate::covariance::Covariance;
 use crate::error::Error;
+use crate::evidence::{self, Evidence};
+use crate::gate::{self, Verdict};
 use crate::mse::mean_squared_error;
-use crate::scaled_icp::{Iteration, ScaleRange};
-use crate::surface::Surface;
-use crate::verdict::{Evidence, Verdict};
-use crate::visibility::Visibility;
-use crate::{input, sampling};
+use crate::problem::Problem;
+use crate::robust::refine::Iteration;
+use crate::scale::ScaleRange;
+use crate::{input, paper, robust};
 
-mod evidence;
-mod stages;
+/// How the pose is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Every pose and scale is tried, the physics of the view judges.
+    #[default]
+    Robust,
+    /// As the paper has it: Super4PCS with the scale of the bounding boxes (Eq. 1-4), then scaled ICP (Eq. 5-7).
+    Paper,
+}
 
 /// What is known beforehand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Scale of camera_from_ct expected from the sensors; 1 for two metric ones.
-    pub scale_prior: f64,
-    /// How far the scale may be from the prior, as a fraction.
-    pub scale_tolerance: f64,
+    /// How the pose is found.
+    pub method: Method,
+    /// The scales that camera_from_ct may have.
+    pub scale: ScaleRange,
     /// Where the camera stood, in the target's frame.
     pub viewpoint: Option<Point3>,
-    /// Seed of the random draws.
+    /// Box in ct whose error matters; all of the model if not given.
+    pub target_region: Option<(Point3, Point3)>,
+    /// Seed of the random draws of the paper's method; the robust one has none.
     pub seed: u64,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
-            scale_prior: 1.0,
-            scale_tolerance: 0.02,
+            method: Method::default(),
+            scale: ScaleRange::known(1.0),
             viewpoint: None,
+            target_region: None,
             seed: 0,
         }
     }
@@ -44,18 +56,31 @@ impl Default for Options {
 /// What happens on the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The coarse stage begins.
+    /// A coarse stage begins.
     CoarseStarted,
+    /// The hypotheses of one more scale were tried.
+    Searched {
+        /// Scales tried so far.
+        scales: u32,
+        /// Scales that this round tries.
+        scales_in_all: u32,
+        /// The best pose so far.
+        best: Similarity<Camera, Ct>,
+        /// Its residual, mm of the view.
+        score_mm: f64,
+    },
     /// A coarse candidate, best first.
     Candidate {
         /// 0 is the best.
         rank: u32,
-        /// Share of view points near the model at the coarse pose, 0..1.
+        /// Its pose before any refinement.
+        camera_from_ct: Similarity<Camera, Ct>,
+        /// Share of view points near the model there, 0..1.
         inlier_share: f64,
-        /// Eq. 15 at the coarse pose, mm2.
+        /// Eq. 15 there, mm2 of the model.
         mse_mm2: f64,
     },
-    /// The fine stage begins.
+    /// A fine stage begins.
     FineStarted,
     /// One iteration of the fine stage.
     Iteration {
@@ -73,12 +98,14 @@ pub enum Event {
 pub struct Registration {
     /// The pose of the model in the view.
     pub camera_from_ct: Similarity<Camera, Ct>,
-    /// Eq. 15 of the coarse pose that led here, mm2.
+    /// Eq. 15 of the coarse pose that led here, mm2 of the model.
     pub coarse_mse_mm2: f64,
-    /// Eq. 15 of the pose, mm2.
+    /// Eq. 15 of the pose, mm2 of the model.
     pub mse_mm2: f64,
-    /// Distance of each view point to the model's surface, mm of the camera frame.
+    /// Distance of each view point to the model's surface, mm of the model.
     pub residuals_mm: Vec<f32>,
+    /// Covariance of turn (rad, about the model's centre, in ct), shift (mm) and logarithm of scale.
+    pub covariance: Covariance,
     /// What speaks for and against the pose.
     pub evidence: Evidence,
     /// The judgement.
@@ -87,94 +114,69 @@ pub struct Registration {
     pub reasons: Vec<String>,
 }
 
-/// A view point this near to the model is an inlier, mm.
-pub const INLIER_DISTANCE_MM: f64 = 1.0;
-
-/// Most samples of the model's surface.
-const MODEL_POINTS: usize = 6000;
-/// Model samples searched for congruent sets, and view samples that bases are drawn from.
-const CONGRUENT_MODEL_POINTS: usize = 450;
-const CONGRUENT_VIEW_POINTS: usize = 120;
-/// View samples of the three refinements: many hypotheses, the best candidates, the finalists.
-const SHORT_VIEW_POINTS: usize = 160;
-const FINE_VIEW_POINTS: usize = 500;
-const FINAL_VIEW_POINTS: usize = 2000;
-/// Model samples that are tested for free space.
-const FREE_SPACE_POINTS: usize = 600;
-
 /// Registers `source`, the whole surface of the model in ct, to `target`, what the camera saw of it.
 ///
 /// # Errors
-/// [`Error::Invalid`] names every violation of [`input::check`]; [`Error::Cancelled`] once `cancel` is raised.
+/// [`Error::Invalid`] names every violation of [`input::check`]; [`Error::Cancelled`] once `budget` is cancelled;
+/// [`Error::NothingFound`] if no pose can be formed at all.
 pub fn register(
     source: &Cloud,
     target: &Cloud,
     options: &Options,
     progress: &mut (dyn FnMut(Event) + Send),
-    cancel: &Cancel,
+    budget: &Budget,
 ) -> Result<Registration, Error> {
     input::check(source, target, options)?;
-    let problem = Problem::new(source, target, options);
-    progress(Event::CoarseStarted);
-    let candidates = problem.coarse(options.seed, cancel)?;
-    for (rank, candidate) in candidates.iter().enumerate() {
-        let residuals_mm = problem.residuals_mm(&problem.fine_view, &candidate.coarse);
-        progress(Event::Candidate {
-            rank: rank as u32,
-            inlier_share: evidence::inlier_share(&residuals_mm),
-            mse_mm2: mean_squared_error(&problem.model, &problem.fine_view, &candidate.coarse),
-        });
-    }
-    progress(Event::FineStarted);
-    let ranked = problem.fine(candidates, progress, cancel)?;
-    Ok(problem.answer(target, &ranked))
+    let problem = Problem::new(source, target, options.viewpoint, options.scale);
+    budget.check()?;
+    let ranked = match options.method {
+        Method::Robust => robust::candidates(&problem, progress, budget)?,
+        Method::Paper => paper::candidates(&problem, options.seed, progress, budget)?,
+    };
+    let best = *ranked.first().ok_or(Error::NothingFound)?;
+    let targets = targets(&problem, options);
+    let (evidence, covariance) = evidence::whole(&problem, &ranked, &targets, budget)?;
+    let (verdict, reasons) = gate::judge(&evidence);
+    Ok(Registration {
+        camera_from_ct: problem.camera_from_ct(&best.pose),
+        coarse_mse_mm2: mean_squared_error(&problem, &problem.view.dense, &best.coarse),
+        mse_mm2: mean_squared_error(&problem, &problem.view.dense, &best.pose),
+        residuals_mm: residuals(&problem, target, &best.pose),
+        covariance,
+        evidence,
+        verdict,
+        reasons,
+    })
 }
 
-/// The input made ready.
-struct Problem {
-    model: Surface,
-    congruent_model: Surface,
-    congruent_view: Surface,
-    short_view: Vec<Point3>,
-    fine_view: Vec<Point3>,
-    final_view: Vec<Point3>,
-    free_space_model: Vec<Point3>,
-    visibility: Option<Visibility>,
-    scale: ScaleRange,
+/// The model's samples in the target region, about the model's centre.
+fn targets(problem: &Problem, options: &Options) -> Vec<Point3> {
+    let Some((low, high)) = options.target_region else {
+        return Vec::new();
+    };
+    let is_inside = |p: &Point3| {
+        let p = p + problem.model.center.coords;
+        p >= low && p <= high
+    };
+    problem
+        .model
+        .points
+        .iter()
+        .copied()
+        .filter(is_inside)
+        .collect()
 }
 
-/// A pose under way.
-#[derive(Clone, Debug)]
-struct Candidate {
-    /// As the coarse stage found it.
-    coarse: Similarity<Ct, Camera>,
-    /// As refined so far.
-    refined: Similarity<Ct, Camera>,
-    /// Residual in mm, stray points cut short, raised by free-space violations; lower is better.
-    score: f64,
-}
-
-// === impl Problem ===
-
-impl Problem {
-    fn new(source: &Cloud, target: &Cloud, options: &Options) -> Self {
-        let model = Surface::new(&source.points, MODEL_POINTS).with_lookup();
-        let view = Surface::new(&target.points, FINAL_VIEW_POINTS);
-        Self {
-            congruent_model: model.thinned(CONGRUENT_MODEL_POINTS),
-            congruent_view: view.thinned(CONGRUENT_VIEW_POINTS),
-            short_view: sampling::spread(&view.points, SHORT_VIEW_POINTS),
-            fine_view: sampling::spread(&view.points, FINE_VIEW_POINTS),
-            free_space_model: sampling::spread(&model.points, FREE_SPACE_POINTS),
-            visibility: options
-                .viewpoint
-                .and_then(|viewpoint| Visibility::new(&view.points, viewpoint)),
-            scale: ScaleRange {
-                low: options.scale_prior * (1.0 - options.scale_tolerance),
-                high: options.scale_prior * (1.0 + options.scale_tolerance),
-            },
-            final_view: view.points,
-            model,
-        }
-    }
+/// Of every point of the target, in its order.
+fn residuals(problem: &Problem, target: &Cloud, pose: &crate::problem::Pose) -> Vec<f32> {
+    use rayon::prelude::*;
+    target
+        .points
+        .par_iter()
+        .with_min_len(256)
+        .map(|point| {
+            let about = point - problem.view.center.coords;
+            problem.model.foot(&(*pose * about)).distance2.sqrt() as f32
+        })
+        .collect()
 }

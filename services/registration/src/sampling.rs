@@ -4,6 +4,7 @@ use arthro_geometry::nalgebra::{Matrix3, SymmetricEigen};
 use arthro_geometry::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::cells::Cells;
 use crate::neighbours::Neighbours;
 
 /// Averages the points that share a voxel of `edge_mm`. The order of the answer depends on positions alone.
@@ -33,7 +34,11 @@ pub fn spread(points: &[Point3], count: usize) -> Vec<Point3> {
     };
     // Averaging more than a few points a voxel gains nothing and costs a sort of all of them.
     let stride = points.len() / (16 * count) + 1;
-    let dense: Vec<Point3> = points.iter().step_by(stride).copied().collect();
+    let dense: Vec<Point3> = points
+        .chunks(stride)
+        .enumerate()
+        .map(|(index, chunk)| chunk[scattered(index) % chunk.len()])
+        .collect();
     let mut sample = dense.clone();
     // A surface fills about the square of its box's diagonal; begin well below the spacing that follows.
     let mut edge_mm = 0.3 * (high - low).norm() / (count as f64).sqrt();
@@ -44,33 +49,55 @@ pub fn spread(points: &[Point3], count: usize) -> Vec<Point3> {
     sample
 }
 
-/// Unit normals of the planes that best fit the `count` nearest neighbours of each point; signs are arbitrary.
-pub fn fitted_normals(points: &[Point3], tree: &Neighbours, count: usize) -> Vec<Vector3> {
+/// A whole number that looks random (splitmix64): every so-many-th point of an organised cloud may be one of its columns.
+fn scattered(index: usize) -> usize {
+    let mut bits = (index as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (bits ^ (bits >> 31)) as usize
+}
+
+/// Unit normals of the planes that best fit the neighbours within `radius_mm` of each point; signs are arbitrary.
+/// Where there are fewer than three, the normal is that of the points within twice the radius, and so on.
+pub fn fitted_normals(points: &[Point3], cells: &Cells, radius_mm: f64) -> Vec<Vector3> {
     points
         .par_iter()
+        .with_min_len(64)
         .map(|point| {
-            let near = tree.nearest_many(point, count);
-            let mean: Vector3 =
-                near.iter().map(|n| points[n.index].coords).sum::<Vector3>() / near.len() as f64;
-            let covariance: Matrix3<f64> = near
-                .iter()
-                .map(|n| points[n.index].coords - mean)
-                .map(|d| d * d.transpose())
-                .sum();
-            let eigen = SymmetricEigen::new(covariance);
-            eigen.eigenvectors.column(eigen.eigenvalues.imin()).into()
+            let mut reach_mm = radius_mm;
+            loop {
+                let (mut count, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
+                cells.within(point, reach_mm, |other, _| {
+                    let offset = points[other] - point;
+                    count += 1.0;
+                    sum += offset;
+                    squares.ger(1.0, &offset, &offset, 1.0);
+                });
+                if count >= 4.0 || count >= points.len() as f64 {
+                    let covariance = squares - sum * sum.transpose() / count;
+                    let eigen = SymmetricEigen::new(covariance);
+                    break eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+                }
+                reach_mm *= 2.0;
+            }
         })
         .collect()
 }
 
-/// Median distance from a point to its nearest other point, mm: the spacing of the sample.
-pub fn spacing_mm(points: &[Point3], tree: &Neighbours) -> f64 {
+/// Neighbours whose distance tells the spacing.
+const SPACING_NEIGHBOURS: usize = 8;
+
+/// Spacing of points on a surface, mm: one over the root of their density, median over the surface. The nearest
+/// neighbour's distance would tell how irregular they are, not how dense: the eighth's circle holds eight.
+pub fn spacing_mm(points: &[Point3]) -> f64 {
+    let tree = Neighbours::new(points);
+    let count = SPACING_NEIGHBOURS.min(points.len().saturating_sub(1));
     let mut distances: Vec<f64> = points
         .iter()
-        .step_by(points.len() / 500 + 1)
-        .filter_map(|point| Some(tree.nearest_many(point, 2).get(1)?.distance2))
+        .step_by(points.len() / 300 + 1)
+        .filter_map(|point| Some(tree.nearest_many(point, count + 1).get(count)?.distance2))
         .collect();
-    median(&mut distances).sqrt()
+    (median(&mut distances) * std::f64::consts::PI / count.max(1) as f64).sqrt()
 }
 
 /// The middle value, the upper one of two; 0 of nothing.
@@ -100,11 +127,23 @@ mod tests {
     }
 
     #[test]
+    fn a_column_of_an_organised_cloud_is_not_taken_for_the_cloud() {
+        // 64 columns, row by row: every 64th point would be of one column.
+        let grid: Vec<Point3> = (0..64 * 1000)
+            .map(|i| Point3::new(f64::from(i % 64), f64::from(i / 64) * 0.064, 0.0))
+            .collect();
+        let (low, high) = arthro_geometry::cloud::bounds(&spread(&grid, 62)).unwrap();
+        assert!(
+            (high - low).x > 45.0 && (high - low).y > 45.0,
+            "{low} {high}"
+        );
+    }
+
+    #[test]
     fn fitted_normals_of_a_plane_are_perpendicular_to_it() {
         let points = plane();
-        let tree = Neighbours::new(&points);
-        assert!((spacing_mm(&points, &tree) - 0.5).abs() < 1e-12);
-        for normal in fitted_normals(&points, &tree, 12) {
+        assert!((spacing_mm(&points) - 0.5).abs() < 0.07);
+        for normal in fitted_normals(&points, &Cells::new(&points, 1.0), 1.0) {
             assert!((normal.z.abs() - 1.0).abs() < 1e-9);
         }
     }

@@ -16,7 +16,7 @@ use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{Request, Response, Status, Streaming};
 
-use crate::cancel::Cancel;
+use crate::budget::Budget;
 use crate::config::Config;
 use crate::depth;
 use crate::pipeline::{Event, register};
@@ -53,14 +53,14 @@ impl RegistrationService for Registrar {
         let began = Instant::now();
         // Unbounded, so that a client that reads slowly holds no thread; a registration has about a thousand events.
         let (events, received) = mpsc::unbounded_channel();
-        let cancel = Cancel::default();
+        let budget = Budget::default();
         let stream = CancelOnDrop {
             received,
-            cancel: cancel.clone(),
+            budget: budget.clone(),
         };
         compute(permit, events.clone(), move || {
             let mut progress = |event: Event| {
-                // The receiver is gone only when the client is, and then `cancel` is raised.
+                // The receiver is gone only when the client is, and then the budget is cancelled.
                 let _ = events.send(Ok(answer::event(event, began.elapsed())));
             };
             let result = register(
@@ -68,7 +68,7 @@ impl RegistrationService for Registrar {
                 &upload.target,
                 &upload.options,
                 &mut progress,
-                &cancel,
+                &budget,
             )?;
             tracing::info!(
                 source_points = upload.source.points.len(),
@@ -156,7 +156,7 @@ fn compute<T: Send + 'static>(
 /// The events of a computation, which stops when they are dropped: the client went, or its deadline passed.
 struct CancelOnDrop<T> {
     received: mpsc::UnboundedReceiver<T>,
-    cancel: Cancel,
+    budget: Budget,
 }
 
 impl<T> Stream for CancelOnDrop<T> {
@@ -169,6 +169,6 @@ impl<T> Stream for CancelOnDrop<T> {
 
 impl<T> Drop for CancelOnDrop<T> {
     fn drop(&mut self) {
-        self.cancel.cancel();
+        self.budget.cancel();
     }
 }

@@ -7,14 +7,16 @@
 
 use std::collections::HashMap;
 
-use arthro_geometry::frame::{Camera, Ct};
-use arthro_geometry::{Point3, Similarity, Vector3};
+use arthro_geometry::{Point3, Vector3};
 use rand::Rng as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::scaled_icp::{ScaleRange, closed_form};
+use crate::model::Model;
+use crate::problem::Pose;
+use crate::scale::ScaleRange;
+use crate::scaled_icp::closed_form;
 use crate::surface::Surface;
 
 /// How the congruent sets are searched.
@@ -34,16 +36,9 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// The pose.
-    pub ct_from_camera: Similarity<Ct, Camera>,
+    pub pose: Pose,
     /// Share of the checked view points near the model, 0..1.
     pub inlier_share: f64,
-}
-
-/// The scale of Eq. 1-4: ratio of the bounding boxes' diagonals, limited by what the sensors allow.
-///
-/// A view's box is that of a part in a turned pose, tens of percent off; the limit is what carries the answer.
-pub fn aabb_scale(model: &Surface, view: &Surface, allowed: ScaleRange) -> f64 {
-    allowed.clamp(view.diagonal_mm() / model.diagonal_mm())
 }
 
 /// Candidate poses, best first, of `bases` independent draws. Deterministic by `seed` on any number of threads.
@@ -51,7 +46,7 @@ pub fn aabb_scale(model: &Surface, view: &Surface, allowed: ScaleRange) -> f64 {
 /// `model` is searched for congruent sets, `full_model` says how well a pose fits `view`.
 pub fn search(
     model: &Surface,
-    full_model: &Surface,
+    full_model: &Model,
     view: &Surface,
     settings: &Settings,
     seed: u64,
@@ -132,11 +127,11 @@ impl Base {
     fn candidates(
         &self,
         model: &Surface,
-        full_model: &Surface,
+        full_model: &Model,
         view: &Surface,
         settings: &Settings,
     ) -> Vec<Candidate> {
-        let mut fits: Vec<(f64, Similarity<Ct, Camera>)> = self
+        let mut fits: Vec<(f64, Pose)> = self
             .congruent_sets(model, settings.tolerance_mm)
             .into_iter()
             .filter_map(|set| {
@@ -156,7 +151,7 @@ impl Base {
         fits.sort_by(|a, b| a.0.total_cmp(&b.0));
         fits.truncate(FITS_CHECKED);
         let mut candidates: Vec<Candidate> = Vec::new();
-        for (_, ct_from_camera) in fits {
+        for (_, pose) in fits {
             let least = match candidates.last() {
                 Some(worst) if candidates.len() >= settings.kept_per_base => worst.inlier_share,
                 _ => 0.0,
@@ -164,20 +159,14 @@ impl Base {
             let Some(inlier_share) = inlier_share(
                 full_model,
                 &view.points,
-                &ct_from_camera,
+                &pose,
                 settings.tolerance_mm,
                 least,
             ) else {
                 continue;
             };
             let place = candidates.partition_point(|other| other.inlier_share >= inlier_share);
-            candidates.insert(
-                place,
-                Candidate {
-                    ct_from_camera,
-                    inlier_share,
-                },
-            );
+            candidates.insert(place, Candidate { pose, inlier_share });
             candidates.truncate(settings.kept_per_base);
         }
         candidates
@@ -315,9 +304,9 @@ fn around([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
 
 /// Share of `view` within `tolerance_mm` of the model; `None` as soon as it cannot reach `least`.
 fn inlier_share(
-    model: &Surface,
+    model: &Model,
     view: &[Point3],
-    ct_from_camera: &Similarity<Ct, Camera>,
+    pose: &Pose,
     tolerance_mm: f64,
     least: f64,
 ) -> Option<f64> {
@@ -325,7 +314,7 @@ fn inlier_share(
     let misses_allowed = count * (1.0 - least);
     let mut misses = 0.0;
     for point in view {
-        if model.rough_distance_mm(&(*ct_from_camera * *point)) > tolerance_mm {
+        if model.rough_distance_mm(&(*pose * *point)) > tolerance_mm {
             misses += 1.0;
             if misses > misses_allowed {
                 return None;

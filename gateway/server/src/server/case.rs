@@ -264,6 +264,7 @@ impl CaseApi {
             scale_tolerance: request.scale_tolerance,
             viewpoint: None,
             seed: request.seed,
+            ..registration::RegisterOptions::default()
         };
         let mut events = self
             .clients

@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use arthro_geometry::Cloud;
+use arthro_geometry::frame::Frame as FrameType;
 use arthro_proto::common::v1::{CloudHeader, Point, Quaternion, Similarity};
 use arthro_proto::registration::v1 as api;
 use arthro_proto::registration::v1::deproject_depth_response::Payload;
 
+use crate::gate::Verdict;
 use crate::pipeline::{Event, Registration};
-use crate::verdict::Verdict;
 
 /// Points a chunk of at most 256 KiB: six float32 each.
 const POINTS_PER_CHUNK: usize = 256 * 1024 / 24;
@@ -28,10 +29,22 @@ pub(super) fn event(event: Event, elapsed: Duration) -> api::RegisterResponse {
             rank,
             inlier_share,
             mse_mm2,
+            ..
         } => Message::Candidate(api::CoarseCandidate {
             rank,
             inlier_share,
             mse_mm2,
+        }),
+        Event::Searched {
+            scales,
+            scales_in_all,
+            best,
+            score_mm,
+        } => Message::Progress(api::SearchProgress {
+            scales,
+            scales_in_all,
+            camera_from_ct: Some(similarity(&best)),
+            score_mm,
         }),
         Event::Iteration {
             candidate,
@@ -50,27 +63,13 @@ pub(super) fn event(event: Event, elapsed: Duration) -> api::RegisterResponse {
 }
 
 pub(super) fn result(registration: &Registration, elapsed: Duration) -> api::RegisterResponse {
-    let pose = &registration.camera_from_ct;
-    let rotation = pose.rotation.quaternion();
+    let evidence = &registration.evidence;
     let result = api::RegistrationResult {
-        camera_from_ct: Some(Similarity {
-            scale: pose.scale,
-            rotation: Some(Quaternion {
-                w: rotation.w,
-                x: rotation.i,
-                y: rotation.j,
-                z: rotation.k,
-            }),
-            translation: Some(Point {
-                x_mm: pose.translation_mm.x,
-                y_mm: pose.translation_mm.y,
-                z_mm: pose.translation_mm.z,
-            }),
-        }),
+        camera_from_ct: Some(similarity(&registration.camera_from_ct)),
         coarse_mse_mm2: registration.coarse_mse_mm2,
         mse_mm2: registration.mse_mm2,
-        inlier_share: registration.evidence.inlier_share,
-        overlap: registration.evidence.overlap,
+        inlier_share: evidence.inlier_share,
+        overlap: evidence.overlap,
         verdict: match registration.verdict {
             Verdict::Accept => api::Verdict::Accept,
             Verdict::Review => api::Verdict::Review,
@@ -79,16 +78,46 @@ pub(super) fn result(registration: &Registration, elapsed: Duration) -> api::Reg
         .into(),
         reasons: registration.reasons.clone(),
         seconds: elapsed.as_secs_f64(),
-        rival_margin: registration.evidence.rival_margin,
+        rival_margin: 1.0 - evidence.ambiguity,
         residuals_mm: registration
             .residuals_mm
             .iter()
             .flat_map(|residual| residual.to_le_bytes())
             .collect::<Vec<u8>>()
             .into(),
+        tre_predicted_mm: evidence.tre_predicted_mm,
+        scale_deviation: evidence.scale_deviation,
+        misfit: evidence.misfit,
+        free_space_violation_share: evidence.violation_share,
+        ambiguity: evidence.ambiguity,
+        mirror: evidence.mirror,
+        covariance: registration
+            .covariance
+            .transpose()
+            .iter()
+            .copied()
+            .collect(),
     };
     api::RegisterResponse {
         event: Some(api::register_response::Event::Result(result)),
+    }
+}
+
+fn similarity<A: FrameType, B: FrameType>(pose: &arthro_geometry::Similarity<A, B>) -> Similarity {
+    let rotation = pose.rotation.quaternion();
+    Similarity {
+        scale: pose.scale,
+        rotation: Some(Quaternion {
+            w: rotation.w,
+            x: rotation.i,
+            y: rotation.j,
+            z: rotation.k,
+        }),
+        translation: Some(Point {
+            x_mm: pose.translation_mm.x,
+            y_mm: pose.translation_mm.y,
+            z_mm: pose.translation_mm.z,
+        }),
     }
 }
 

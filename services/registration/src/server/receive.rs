@@ -2,14 +2,15 @@
 
 use arthro_bootstrap::status::{invalid, invalid_all};
 use arthro_geometry::{Cloud, Point3};
-use arthro_proto::common::v1::{CloudHeader, Frame};
+use arthro_proto::common::v1::{CloudHeader, Frame, Point};
 use arthro_proto::registration::v1 as api;
 use tonic::{Status, Streaming};
 
 use crate::depth::{self, Intrinsics};
 use crate::error::{Error, Violation};
-use crate::input;
-use crate::pipeline::Options;
+use crate::input::{self, SCALES};
+use crate::pipeline::{Method, Options};
+use crate::scale::ScaleRange;
 
 /// What a registration starts from.
 pub(super) struct Upload {
@@ -85,11 +86,20 @@ fn announced_clouds(
             header.point_count as usize,
         ));
     }
-    let known = Options::default();
-    let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
+    let scale = scale_range(&announced, &mut violations);
     let options = Options {
-        scale_prior: or(announced.scale_prior, known.scale_prior),
-        scale_tolerance: or(announced.scale_tolerance, known.scale_tolerance),
+        method: match announced.method() {
+            api::Method::Unspecified | api::Method::Robust => Method::Robust,
+            api::Method::Paper => Method::Paper,
+        },
+        scale,
+        target_region: announced.target_region.map(|region| {
+            let corner = |point: Option<Point>| {
+                let point = point.unwrap_or_default();
+                Point3::new(point.x_mm, point.y_mm, point.z_mm)
+            };
+            (corner(region.min), corner(region.max))
+        }),
         viewpoint: match announced.viewpoint {
             Some(point) => Some(Point3::new(point.x_mm, point.y_mm, point.z_mm)),
             None if target.frame() == Frame::Camera => Some(Point3::origin()),
@@ -111,6 +121,47 @@ fn announced_clouds(
         CloudChunks::new("target", &target),
     ))
 }
+
+/// The scales that may be answered: a range, or a prior with its tolerance.
+fn scale_range(announced: &api::RegisterOptions, violations: &mut Vec<Violation>) -> ScaleRange {
+    let or = |value: f64, default: f64| if value == 0.0 { default } else { value };
+    let tolerance = or(announced.scale_tolerance, ScaleRange::KNOWN_TOLERANCE);
+    if !(0.0..=MAX_SCALE_TOLERANCE).contains(&tolerance) {
+        violations.push(Violation::new(
+            "options.scale_tolerance",
+            format!("is {tolerance}, must be 0 to {MAX_SCALE_TOLERANCE}"),
+        ));
+    }
+    match announced.scale_range {
+        Some(range) => {
+            if announced.scale_prior != 0.0 || announced.scale_tolerance != 0.0 {
+                violations.push(Violation::new(
+                    "options.scale_range",
+                    "is set beside scale_prior or scale_tolerance, must stand alone",
+                ));
+            }
+            ScaleRange {
+                low: range.low,
+                high: range.high,
+            }
+        }
+        None => {
+            let prior = or(announced.scale_prior, 1.0);
+            if !SCALES.contains(&prior) {
+                let (least, most) = (SCALES.start(), SCALES.end());
+                violations.push(Violation::new(
+                    "options.scale_prior",
+                    format!("is {prior}, must be {least} to {most}"),
+                ));
+                return ScaleRange::known(1.0);
+            }
+            ScaleRange::around(prior, tolerance)
+        }
+    }
+}
+
+/// Largest tolerance of the scale prior, as a fraction.
+const MAX_SCALE_TOLERANCE: f64 = 0.5;
 
 /// A cloud under way. Normals are accepted and left out: the registration fits its own.
 struct CloudChunks {

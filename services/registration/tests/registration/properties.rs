@@ -2,11 +2,12 @@
 
 use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Cloud, Point3, Rotation, Similarity, Vector3};
-use arthro_registration::cancel::Cancel;
+use arthro_registration::budget::Budget;
 use arthro_registration::error::Error;
+use arthro_registration::gate::Verdict;
 use arthro_registration::input::MAX_POINTS;
 use arthro_registration::pipeline::{Event, Options, Registration, register};
-use arthro_registration::verdict::Verdict;
+use arthro_registration::scale::ScaleRange;
 use proptest::prelude::{
     ProptestConfig, Strategy, any, prop, prop_assert, prop_assert_eq, proptest,
 };
@@ -21,7 +22,7 @@ fn solve(target: &Cloud, options: &Options) -> Registration {
         target,
         options,
         &mut |_| {},
-        &Cancel::default(),
+        &Budget::default(),
     )
     .unwrap()
 }
@@ -105,7 +106,7 @@ fn the_answer_is_the_same_on_any_number_of_threads() {
                 &target,
                 &options,
                 &mut |event| events.push(event),
-                &Cancel::default(),
+                &Budget::default(),
             )
         });
         let answer = answer.unwrap();
@@ -124,8 +125,7 @@ fn another_scale_than_metric_is_found_within_its_tolerance() {
     let (view, viewpoint) = view();
     let target = Cloud::new(view.points.iter().map(|p| p * 2.1).collect());
     let options = Options {
-        scale_prior: 2.0,
-        scale_tolerance: 0.2,
+        scale: ScaleRange::around(2.0, 0.2),
         viewpoint: Some(viewpoint * 2.1),
         ..Options::default()
     };
@@ -157,7 +157,7 @@ fn something_else_than_the_model_is_not_accepted() {
 #[test]
 fn a_cancelled_registration_stops_between_its_stages() {
     let (target, _) = view();
-    let cancel = Cancel::default();
+    let budget = Budget::default();
     let mut stages = 0;
     let outcome = register(
         &crescent(),
@@ -165,9 +165,9 @@ fn a_cancelled_registration_stops_between_its_stages() {
         &Options::default(),
         &mut |event| {
             stages += u32::from(event == Event::FineStarted);
-            cancel.cancel();
+            budget.cancel();
         },
-        &cancel,
+        &budget,
     );
     assert!(matches!(outcome, Err(Error::Cancelled)));
     assert_eq!(stages, 0);
@@ -181,7 +181,7 @@ fn a_cloud_in_metres_is_refused_with_the_question_whether_it_is() {
         &metres,
         &Options::default(),
         &mut |_| {},
-        &Cancel::default(),
+        &Budget::default(),
     );
     let Err(Error::Invalid(violations)) = outcome else {
         panic!("accepted");
@@ -204,7 +204,7 @@ fn the_largest_clouds_accepted_are_registered_too() {
         viewpoint: Some(viewpoint),
         ..Options::default()
     };
-    let found = register(&source, &target, &options, &mut |_| {}, &Cancel::default()).unwrap();
+    let found = register(&source, &target, &options, &mut |_| {}, &Budget::default()).unwrap();
     let error_mm = largest_error_mm(&found.camera_from_ct, &Similarity::identity());
     assert!(error_mm < 0.5, "{error_mm} mm");
     assert_eq!(found.residuals_mm.len(), MAX_POINTS);

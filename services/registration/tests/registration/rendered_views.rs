@@ -46,12 +46,12 @@ fn solve(case: &Case) {
     let outcome = case.solve();
     let answer = &outcome.answer;
     eprintln!(
-        "{}: {} points, TRE {:.3} mm, {:.2} s, rival margin {:.2}, {:?} {:?}",
+        "{}: {} points, TRE {:.3} mm, {:.2} s, ambiguity {:.2}, {:?} {:?}",
         case.name,
         case.target.points.len(),
         outcome.tre_mm,
         outcome.seconds,
-        answer.evidence.rival_margin,
+        answer.evidence.ambiguity,
         answer.verdict,
         answer.reasons
     );

@@ -179,7 +179,7 @@ async fn bad_input_is_refused_by_field_value_and_limit() {
                 scale_prior: -1.0,
                 ..options(500, 500)
             })],
-            "options.scale_prior: is -1, must be 0.01 to 100; options.scale_tolerance: is 0.9, must be 0 to 0.5",
+            "options.scale_tolerance: is 0.9, must be 0 to 0.5; options.scale_prior: is -1, must be 0.01 to 100",
         ),
         (
             vec![

@@ -11,7 +11,7 @@ use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::nalgebra::{Matrix3, Rotation3};
 use arthro_geometry::ply::{Space, Stated, Unit, read_cloud};
 use arthro_geometry::{Cloud, Point3, Rotation, Similarity, Vector3};
-use arthro_registration::cancel::Cancel;
+use arthro_registration::budget::Budget;
 use arthro_registration::pipeline::{Options, Registration, register};
 use serde_json::Value;
 
@@ -113,7 +113,7 @@ impl Case {
             &self.target,
             &self.options,
             &mut |_| {},
-            &Cancel::default(),
+            &Budget::default(),
         )
         .unwrap();
         let seconds = began.elapsed().as_secs_f64();

@@ -1,0 +1,168 @@
+//! The paper's pipeline as printed: scale by the bounding boxes (Eq. 1-4), Super4PCS, then iterative closest points
+//! with a clamped scale (Eq. 5-7). For comparison, and fast where most of the model is seen.
+//!
+//! Pairs go from the model to the view, source to target, as the paper states them; a partial view then draws the
+//! scale down to the clamp. What it finds is held to the same evidence as everything else.
+
+use arthro_geometry::cloud::bounds;
+use arthro_geometry::{Point3, Similarity};
+use rayon::prelude::*;
+
+use crate::budget::Budget;
+use crate::error::Error;
+use crate::evidence;
+use crate::model::Model;
+use crate::neighbours::Neighbours;
+use crate::pipeline::Event;
+use crate::problem::{Candidate, Likeness, Pose, Problem};
+use crate::robust::refine::Iteration;
+use crate::scale::ScaleRange;
+use crate::scaled_icp::closed_form;
+use crate::super4pcs;
+use crate::surface::Surface;
+
+/// Iterations of the fine stage.
+const ITERATIONS: u32 = 30;
+/// How far the fine stage's scale may be from the bounding boxes', as factors (section 2.3 of the paper).
+const CLAMP: [f64; 2] = [0.8, 1.2];
+/// Pairs farther apart than this do not count, units.
+const GATE_UNITS: f64 = 3.0;
+/// Poses of the coarse stage that are told apart, and those that are refined: the paper keeps one.
+const REFINED: usize = 1;
+const DISTINCT: Likeness = Likeness {
+    degrees: 10.0,
+    units: 3.0,
+    log_scale: 0.1,
+};
+
+/// Model samples searched for congruent sets, and view samples that bases are drawn from.
+const MODEL_POINTS: usize = 450;
+const VIEW_POINTS: usize = 120;
+/// Super4PCS: bases drawn, poses kept of each, how exact a congruence must be, units.
+const BASES: usize = 24;
+const KEPT_PER_BASE: usize = 4;
+const TOLERANCE_UNITS: f64 = 1.3;
+
+/// Distinct candidates, best first.
+///
+/// # Errors
+/// [`Error::Cancelled`]; [`Error::NothingFound`] if no congruent set exists.
+pub fn candidates(
+    problem: &Problem,
+    seed: u64,
+    progress: &mut (dyn FnMut(Event) + Send),
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    progress(Event::CoarseStarted);
+    let scale = aabb_scale(problem);
+    let coarse = coarse(problem, scale, seed, budget)?;
+    for (rank, candidate) in coarse.iter().enumerate() {
+        progress(evidence::of_coarse(problem, rank, candidate));
+    }
+    progress(Event::FineStarted);
+    let clamp = problem.allowed.intersection(&ScaleRange {
+        low: scale * CLAMP[0],
+        high: scale * CLAMP[1],
+    });
+    let mut refined = Vec::with_capacity(coarse.len());
+    for (rank, candidate) in coarse.into_iter().enumerate() {
+        budget.check()?;
+        if rank >= REFINED {
+            refined.push(candidate);
+            continue;
+        }
+        let mut state = |iteration: u32, state: Iteration| {
+            progress(Event::Iteration {
+                candidate: rank as u32,
+                iteration,
+                state,
+            });
+        };
+        let pose = scaled_icp(problem, candidate.coarse, clamp, &mut state);
+        refined.push(problem.candidate(candidate.coarse, pose, &problem.view.dense));
+    }
+    Ok(refined)
+}
+
+/// Eq. 1-4: the ratio of the bounding boxes' diagonals, within what the sensors allow.
+///
+/// A view's box is that of a part in a turned pose, tens of percent off; the limit is what carries the answer.
+fn aabb_scale(problem: &Problem) -> f64 {
+    let diagonal =
+        |points: &[Point3]| bounds(points).map_or(0.0, |(low, high)| (high - low).norm());
+    let ratio = diagonal(&problem.view.dense.points) / diagonal(&problem.model.points);
+    problem.allowed.clamp(ratio)
+}
+
+fn coarse(
+    problem: &Problem,
+    scale: f64,
+    seed: u64,
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    let Problem { model, view, .. } = problem;
+    let settings = super4pcs::Settings {
+        bases: BASES,
+        tolerance_mm: TOLERANCE_UNITS * model.unit_mm,
+        scale,
+        kept_per_base: KEPT_PER_BASE,
+    };
+    let thin_model = Surface::new(&model.points, MODEL_POINTS);
+    let thin_view = Surface::new(&view.dense.points, VIEW_POINTS);
+    let found = super4pcs::search(&thin_model, model, &thin_view, &settings, seed);
+    budget.check()?;
+    let candidates: Vec<Candidate> = found
+        .into_par_iter()
+        .map(|found| problem.candidate(found.pose, found.pose, &view.medium))
+        .collect();
+    if candidates.is_empty() {
+        return Err(Error::NothingFound);
+    }
+    Ok(problem.distinct(candidates, 8, &DISTINCT))
+}
+
+/// Eq. 5-7: every model point with its nearest view point, the closed form of the similarity, again and again.
+fn scaled_icp(
+    problem: &Problem,
+    start: Pose,
+    clamp: ScaleRange,
+    state: &mut dyn FnMut(u32, Iteration),
+) -> Pose {
+    let Model {
+        points: model,
+        unit_mm,
+        ..
+    } = &problem.model;
+    let view = &problem.view.dense.points;
+    let tree = Neighbours::new(view);
+    let mut view_from_ct = start.inverse();
+    for iteration in 0..ITERATIONS {
+        let gate_mm = GATE_UNITS * unit_mm * view_from_ct.scale;
+        let pairs: Vec<(Point3, Point3)> = model
+            .par_iter()
+            .with_min_len(256)
+            .filter_map(|point| {
+                let near = tree.nearest_within(&(view_from_ct * *point), gate_mm * gate_mm)?;
+                Some((*point, view[near.index]))
+            })
+            .collect();
+        let squares = pairs
+            .iter()
+            .map(|(ct, camera)| (view_from_ct * *ct - camera).norm_squared());
+        let mse_view_mm2 = squares.sum::<f64>() / pairs.len().max(1) as f64;
+        state(
+            iteration,
+            Iteration {
+                mse_mm2: mse_view_mm2 / view_from_ct.scale.powi(2),
+                scale: view_from_ct.scale,
+            },
+        );
+        match closed_form(&pairs, clamp) {
+            Some(next) => {
+                view_from_ct = Similarity::new(next.scale, next.rotation, next.translation_mm)
+            }
+            None => break,
+        }
+    }
+    view_from_ct.inverse()
+}

@@ -1,0 +1,222 @@
+//! The robust pipeline: every pose is tried on a sparse view, the best are refined on ever more points, and where the
+//! answer does not convince, the search begins again with more effort. Deterministic on any number of threads.
+
+use rayon::prelude::*;
+
+use crate::budget::Budget;
+use crate::error::Error;
+use crate::evidence::{self, RIVAL, is_convincing};
+use crate::pipeline::Event;
+use crate::problem::{Candidate, Likeness, Problem};
+use crate::robust::kernel::Kernel;
+use crate::robust::search::Effort;
+use crate::scale::ScaleRange;
+use crate::view::Seen;
+
+mod kernel;
+pub mod refine;
+mod search;
+
+/// One round of the search.
+#[derive(Clone, Copy, Debug)]
+struct Round {
+    effort: Effort,
+    /// Scales tried around the estimate by size, as factors of it.
+    around_estimate: ScaleRange,
+    /// Step between scales, as a logarithm; the refinement bridges what lies between.
+    scale_step: f64,
+    /// Distinct candidates refined on the medium view, and those of them finished on the dense one.
+    refined: usize,
+    finished: usize,
+}
+
+/// A part of the whole looks smaller, strays make it look larger.
+const QUICK: Round = Round {
+    effort: Effort {
+        patches: 2,
+        places: 130,
+        turns: 14,
+        drawn: 200,
+        settled: 48,
+    },
+    around_estimate: ScaleRange {
+        low: 0.75,
+        high: 1.6,
+    },
+    scale_step: 0.14,
+    refined: 16,
+    finished: 4,
+};
+const THOROUGH: Round = Round {
+    effort: Effort {
+        patches: 4,
+        places: 300,
+        turns: 20,
+        drawn: 800,
+        settled: 200,
+    },
+    around_estimate: ScaleRange {
+        low: 0.3,
+        high: 3.3,
+    },
+    scale_step: 0.1,
+    refined: 48,
+    finished: 8,
+};
+
+/// Candidates nearer than this are one, after the search, after the medium view and at the end.
+const SEARCHED: Likeness = Likeness {
+    degrees: 8.0,
+    units: 2.0,
+    log_scale: 0.06,
+};
+const REFINED: Likeness = Likeness {
+    degrees: 4.0,
+    units: 1.0,
+    log_scale: 0.03,
+};
+
+/// Clearly other poses that are finished beside the best ones.
+const RIVALS: usize = 2;
+
+/// Residuals' deviation is taken as no less than this in the first step of each refinement, units.
+const FIRST_DEVIATION_UNITS: [f64; 2] = [0.5, 0.1];
+/// Most steps of each refinement.
+const STEPS: [u32; 2] = [14, 25];
+
+/// Distinct finished candidates, best first.
+///
+/// # Errors
+/// [`Error::Cancelled`]; [`Error::OutOfTime`] if time was up before anything was found.
+pub fn candidates(
+    problem: &Problem,
+    progress: &mut (dyn FnMut(Event) + Send),
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    let quick = round(problem, &QUICK, progress, budget)?;
+    if budget.is_hurried() || is_convincing(problem, &quick) {
+        return Ok(quick);
+    }
+    let mut all = round(problem, &THOROUGH, progress, budget)?;
+    all.extend(quick);
+    Ok(problem.distinct(all, usize::MAX, &REFINED))
+}
+
+/// The score of the best pose of the quick round, without events: for asking whether something else fits as well.
+pub fn best_quickly(problem: &Problem, budget: &Budget) -> Result<Option<Candidate>, Error> {
+    let mut round = QUICK;
+    round.finished = 2;
+    Ok(self::round(problem, &round, &mut |_| {}, budget)?
+        .into_iter()
+        .next())
+}
+
+fn round(
+    problem: &Problem,
+    round: &Round,
+    progress: &mut (dyn FnMut(Event) + Send),
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    progress(Event::CoarseStarted);
+    let searched = search_all_scales(problem, round, progress, budget)?;
+    progress(Event::FineStarted);
+    let seen = [&problem.view.medium, &problem.view.dense];
+    let refined = refine_all(problem, searched, seen[0], 0, progress, budget)?;
+    let refined = finalists(problem, refined, round.finished);
+    let finished = refine_all(problem, refined, seen[1], 1, progress, budget)?;
+    Ok(problem.distinct(finished, usize::MAX, &REFINED))
+}
+
+/// The best few, and the best of those that are clearly other poses: an answer is worth what its rivals are not.
+fn finalists(problem: &Problem, refined: Vec<Candidate>, count: usize) -> Vec<Candidate> {
+    let ranked = problem.distinct(refined, usize::MAX, &REFINED);
+    let rivals: Vec<Candidate> = problem.distinct(ranked.clone(), RIVALS + 1, &RIVAL);
+    let mut finalists: Vec<Candidate> = ranked.into_iter().take(count).collect();
+    finalists.extend(rivals);
+    problem.distinct(finalists, usize::MAX, &REFINED)
+}
+
+fn search_all_scales(
+    problem: &Problem,
+    round: &Round,
+    progress: &mut (dyn FnMut(Event) + Send),
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    let kernel = Kernel::new(
+        &problem.model,
+        &problem.view.sparse,
+        problem.stray_view_mm(),
+    );
+    let estimate = problem.scale_by_size;
+    let likely = ScaleRange {
+        low: estimate * round.around_estimate.low,
+        high: estimate * round.around_estimate.high,
+    };
+    let scales = problem
+        .allowed
+        .intersection(&likely)
+        .steps(round.scale_step, estimate);
+    let mut found = Vec::new();
+    for (index, scale) in scales.iter().enumerate() {
+        if budget.is_hurried() && !found.is_empty() {
+            break;
+        }
+        let candidates = search::at_scale(problem, &kernel, *scale, &round.effort, budget)?;
+        found.extend(candidates);
+        found = problem.distinct(found, round.refined, &SEARCHED);
+        if let Some(best) = found.first() {
+            progress(Event::Searched {
+                scales: (index + 1) as u32,
+                scales_in_all: scales.len() as u32,
+                best: problem.camera_from_ct(&best.pose),
+                score_mm: best.score,
+            });
+        }
+    }
+    if found.is_empty() {
+        return Err(Error::NothingFound);
+    }
+    for (rank, candidate) in found.iter().enumerate() {
+        progress(evidence::of_coarse(problem, rank, candidate));
+    }
+    Ok(found)
+}
+
+fn refine_all(
+    problem: &Problem,
+    candidates: Vec<Candidate>,
+    seen: &Seen,
+    stage: usize,
+    progress: &mut (dyn FnMut(Event) + Send),
+    budget: &Budget,
+) -> Result<Vec<Candidate>, Error> {
+    let settings = refine::Settings {
+        steps: STEPS[stage],
+        first_deviation_units: FIRST_DEVIATION_UNITS[stage],
+        allowed: problem.allowed,
+    };
+    let refined: Vec<(Candidate, Vec<refine::Iteration>)> = candidates
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|candidate| {
+            budget.check()?;
+            let refined = refine::refine(&problem.model, seen, candidate.pose, &settings);
+            Ok((
+                problem.candidate(candidate.coarse, refined.pose, seen),
+                refined.trace,
+            ))
+        })
+        .collect::<Result<_, Error>>()?;
+    let mut candidates = Vec::with_capacity(refined.len());
+    for (rank, (candidate, trace)) in refined.into_iter().enumerate() {
+        for (iteration, state) in trace.into_iter().enumerate() {
+            progress(Event::Iteration {
+                candidate: rank as u32,
+                iteration: iteration as u32,
+                state,
+            });
+        }
+        candidates.push(candidate);
+    }
+    Ok(candidates)
+}

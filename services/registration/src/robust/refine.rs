@@ -1,0 +1,170 @@
+//! The fine stage: Gauss-Newton over rotation, translation and scale on the heights of the view's points over the
+//! fitted surface, Tukey's weights, scale clamped.
+//!
+//! Pairs go from the view to the model: every view point lies on the model, not the other way round; paired the other
+//! way a partial view draws the scale down without end. Residuals are weighed in the view's millimetres: in the
+//! model's, a growing scale would shrink them all.
+
+use arthro_geometry::{Rotation, Similarity, Vector3};
+use nalgebra::{SMatrix, SVector};
+
+use crate::contact::{Contact, contacts, weights};
+use crate::model::Model;
+use crate::problem::Pose;
+use crate::scale::ScaleRange;
+use crate::view::Seen;
+
+/// A pose that moves no point farther than this in a step rests, units.
+const RESTING_UNITS: f64 = 2e-4;
+/// Rotation, translation, logarithm of scale, acting on the carried points about the model's centre.
+pub(crate) type Step = SVector<f64, 7>;
+pub(crate) type Information = SMatrix<f64, 7, 7>;
+
+/// How to refine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Settings {
+    pub(crate) steps: u32,
+    /// Deviation that residuals are taken to have at least in the first step, units; it sinks to the data's own.
+    pub(crate) first_deviation_units: f64,
+    pub(crate) allowed: ScaleRange,
+}
+
+/// A refined pose and what held it.
+#[derive(Clone, Debug)]
+pub(crate) struct Refined {
+    pub(crate) pose: Pose,
+    /// The state before each step.
+    pub(crate) trace: Vec<Iteration>,
+}
+
+/// One iteration of the fine stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iteration {
+    /// Weighted mean squared distance of the points that count, mm2 of the model.
+    pub mse_mm2: f64,
+    /// Scale of camera_from_ct.
+    pub scale: f64,
+}
+
+/// Refines `start` until it rests or the steps are used up.
+pub(crate) fn refine(model: &Model, seen: &Seen, start: Pose, settings: &Settings) -> Refined {
+    let mut refined = Refined {
+        pose: start,
+        trace: Vec::new(),
+    };
+    let mut least_units = settings.first_deviation_units;
+    for _ in 0..settings.steps {
+        let contacts = contacts(model, seen, &refined.pose);
+        let weights = weights(model, &contacts, least_units * model.unit_mm);
+        refined.trace.push(Iteration {
+            mse_mm2: weighted_mse_mm2(&contacts, &weights),
+            scale: 1.0 / refined.pose.scale,
+        });
+        let Some((next, moved_mm)) = step(&contacts, &weights, &refined.pose, settings.allowed)
+        else {
+            break;
+        };
+        refined.pose = next;
+        if moved_mm < RESTING_UNITS * model.unit_mm && least_units <= 1e-3 {
+            break;
+        }
+        least_units *= 0.6;
+        if least_units < 0.02 {
+            least_units = 0.0;
+        }
+    }
+    refined
+}
+
+fn weighted_mse_mm2(contacts: &[Contact], weights: &[f64]) -> f64 {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (contact, weight) in contacts.iter().zip(weights) {
+        sum += weight * contact.foot.height_mm.powi(2);
+        total += weight;
+    }
+    if total > 0.0 { sum / total } else { 0.0 }
+}
+
+/// How a small step changes a contact's height, residuals weighed in the view's millimetres.
+pub(crate) fn jacobian(contact: &Contact, arm: &Vector3) -> Step {
+    let normal = contact.foot.normal;
+    let turn = contact.carried.coords.cross(&normal);
+    Step::from([
+        turn.x,
+        turn.y,
+        turn.z,
+        normal.x,
+        normal.y,
+        normal.z,
+        arm.dot(&normal) - contact.foot.height_mm,
+    ])
+}
+
+/// Normal equations of the weighted contacts.
+pub(crate) fn equations(contacts: &[Contact], weights: &[f64], pose: &Pose) -> (Information, Step) {
+    let mut information = Information::zeros();
+    let mut gradient = Step::zeros();
+    for (contact, weight) in contacts
+        .iter()
+        .zip(weights)
+        .filter(|(_, weight)| **weight > 0.0)
+    {
+        let row = jacobian(contact, &(contact.carried.coords - pose.translation_mm));
+        information.ger(*weight, &row, &row, 1.0);
+        gradient.axpy(weight * contact.foot.height_mm, &row, 1.0);
+    }
+    (information, gradient)
+}
+
+/// The pose after one step, and how far it moves the points at most; `None` if the contacts do not determine it.
+fn step(
+    contacts: &[Contact],
+    weights: &[f64],
+    pose: &Pose,
+    allowed: ScaleRange,
+) -> Option<(Pose, f64)> {
+    let (mut information, gradient) = equations(contacts, weights, pose);
+    // A whiff of damping keeps a direction that nothing holds from running away.
+    let hold = 1e-7 * information.trace();
+    for i in 0..7 {
+        information[(i, i)] += hold;
+    }
+    let free = information.cholesky()?.solve(&-gradient);
+    let wanted = pose.scale * free[6].clamp(-0.1, 0.1).exp();
+    let scale = 1.0 / allowed.clamp(1.0 / wanted);
+    let delta = if (scale / wanted - 1.0).abs() < 1e-12 {
+        free
+    } else {
+        held_at((scale / pose.scale).ln(), &information, &gradient)?
+    };
+    let turn = Rotation::from_scaled_axis(delta.fixed_rows::<3>(0).into_owned().cap_magnitude(0.2));
+    let shift: Vector3 = delta.fixed_rows::<3>(3).into_owned();
+    if !(shift.norm().is_finite() && scale > 0.0) {
+        return None;
+    }
+    let next = Similarity::new(
+        scale,
+        turn * pose.rotation,
+        turn * pose.translation_mm + shift,
+    );
+    let stretch = scale / pose.scale;
+    let moved = contacts
+        .iter()
+        .step_by(contacts.len() / 16 + 1)
+        .map(|contact| {
+            let arm = contact.carried.coords - pose.translation_mm;
+            (turn * (pose.translation_mm + arm * stretch) + shift - contact.carried.coords).norm()
+        })
+        .fold(0.0, f64::max);
+    Some((next, moved))
+}
+
+/// The step with its logarithm of scale held at `stretch`: the other six are solved for.
+fn held_at(stretch: f64, information: &Information, gradient: &Step) -> Option<Step> {
+    let six = information.fixed_view::<6, 6>(0, 0).into_owned();
+    let right = -(gradient.fixed_rows::<6>(0) + information.fixed_view::<6, 1>(0, 6) * stretch);
+    let solved = six.cholesky()?.solve(&right);
+    Some(Step::from_fn(
+        |i, _| if i < 6 { solved[i] } else { stretch },
+    ))
+}
