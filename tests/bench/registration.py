@@ -29,9 +29,7 @@ from scoring import Answer
 
 VERSIONS = {"open3d": o3d.VERSION, "kiss-matcher": kiss.VERSION, "small-gicp": gicp.VERSION, "python": platform.python_version()}
 GLOBAL = "global, the true scale given"
-FINE = (
-    f"fine stage alone, from {dataset.START_DEG:g} deg, {dataset.START_MM:g} mm, {dataset.START_SCALE * 100:g} % off (rigid: true scale)"
-)
+FINE = f"fine stage alone, from {dataset.START_DEG:g} deg, {dataset.START_MM:g} mm, {dataset.START_SCALE * 100:g} % off (rigid: true scale)"
 OURS = "arthro"
 MODES = {"free": f"scale {dataset.FREE_SCALE[0]} to {dataset.FREE_SCALE[1]}", "prior": "scale +-10 %", "known": "scale known"}
 
