@@ -120,9 +120,11 @@ async fn a_depth_image_becomes_a_scene() {
                     fy_px: 20.0,
                     cx_px: 10.0,
                     cy_px: 5.0,
+                    distortion: None,
                 }),
                 depth_unit_mm: 0.1,
                 has_mask: true,
+                ..Default::default()
             },
         )),
     };
