@@ -97,7 +97,7 @@ impl Gateway {
         scene: &Scene,
     ) -> Result<UploadSceneResponse, Failure> {
         use upload_scene_request::Payload;
-        let header = scene_header::Scene::Depth(scene.header);
+        let header = scene_header::Scene::Depth(scene.header.clone());
         let payloads = upload::chunks(scene.depth.clone())
             .map(Payload::Depth)
             .chain(upload::chunks(scene.mask.clone()).map(Payload::Mask));

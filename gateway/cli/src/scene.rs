@@ -60,9 +60,11 @@ pub async fn capture(address: &str, seed: u64) -> Result<Scene, Failure> {
                 fy_px: header.fy_px,
                 cx_px: header.cx_px,
                 cy_px: header.cy_px,
+                distortion: None,
             }),
             depth_unit_mm: header.depth_unit_mm,
             has_mask: true,
+            ..DepthHeader::default()
         },
         depth,
         mask,

@@ -1,247 +1,273 @@
-//! Depth images to clouds: pinhole deprojection in the camera frame, normals towards the camera.
+//! Depth images to clouds: a camera's frames of one scene, from one viewpoint or several, become points with normals
+//! and the uncertainty of both.
+//!
+//! The way of the data: frames are averaged ([`fusion::frames`]), what is selected of the mean is deprojected through
+//! the lens ([`deproject`]), several viewpoints are brought together ([`fusion::views`]), then strays ([`outliers`])
+//! and what the thing lies on ([`plane`]) are taken away.
 
-use arthro_geometry::nalgebra::{Matrix3, SymmetricEigen};
-use arthro_geometry::{Cloud, Point3, Vector3};
-use rayon::prelude::*;
+pub mod deproject;
+pub mod distortion;
+pub mod fusion;
+pub mod intrinsics;
+pub mod lens;
+pub mod noise;
+pub mod options;
+pub mod outliers;
+pub mod plane;
 
+use arthro_geometry::frame::{Camera, Frame as CellFrame};
+use arthro_geometry::{Cloud, Point3, Rigid};
+
+use self::deproject::{Dropped, SeenPoint, Selection};
+use self::fusion::frames::{Frame, average, count_violation};
+use self::fusion::views;
+use self::intrinsics::{Intrinsics, MAX_PIXELS};
+use self::options::Options;
+use self::plane::RemovedPlane;
+use crate::budget::Budget;
 use crate::error::{Error, Violation};
 
-/// A distortion-free pinhole camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Intrinsics {
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Focal length along x, pixels.
-    pub fx_px: f64,
-    /// Focal length along y, pixels.
-    pub fy_px: f64,
-    /// Column of the optical axis.
-    pub cx_px: f64,
-    /// Row of the optical axis.
-    pub cy_px: f64,
+/// What a camera that stood still took.
+#[derive(Clone, Debug)]
+pub struct Capture<'a> {
+    /// Its frames.
+    pub frames: Vec<Frame<'a>>,
+    /// One byte a pixel, non-zero where it is looked at; `None` looks everywhere.
+    pub mask: Option<&'a [u8]>,
 }
 
-/// Most pixels of an image.
-pub const MAX_PIXELS: u64 = 4_000_000;
-/// Largest depth unit, mm.
-pub const MAX_DEPTH_UNIT_MM: f64 = 10.0;
-/// Neighbouring pixels whose depths differ by more than this fraction lie on different surfaces.
-const JUMP: f64 = 0.01;
-/// Pixels to each side that a normal is fitted to.
-const NORMAL_REACH_PX: i64 = 2;
+/// A capture and where its camera stood.
+#[derive(Clone, Debug)]
+pub struct View<'a, F: CellFrame> {
+    /// The camera's pose.
+    pub f_from_camera: Rigid<F, Camera>,
+    /// What it took.
+    pub capture: Capture<'a>,
+}
 
-/// What is wrong with a depth image's description.
-pub fn violations(intrinsics: &Intrinsics, depth_unit_mm: f64) -> Vec<Violation> {
-    let mut violations = Vec::new();
-    let pixels = u64::from(intrinsics.width_px) * u64::from(intrinsics.height_px);
-    if pixels == 0 || pixels > MAX_PIXELS {
+/// Points of one frame of the cell, as depth cameras saw them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthCloud<F: CellFrame> {
+    /// The points.
+    pub points: Vec<SeenPoint>,
+    /// Where each viewpoint is, mm; a point's `view` is an index into it.
+    pub viewpoints: Vec<Point3>,
+    /// What became of everything else.
+    pub report: Report,
+    frame: std::marker::PhantomData<F>,
+}
+
+/// What was left out on the way.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Report {
+    /// Depths left out of the average as outlying, of each frame, viewpoint after viewpoint.
+    pub clipped: Vec<usize>,
+    /// Pixels looked at that gave no point.
+    pub dropped: Dropped,
+    /// The strays that were taken away.
+    pub strays: Vec<SeenPoint>,
+    /// The planes that were taken away, in this order.
+    pub planes: Vec<RemovedPlane>,
+}
+
+/// Most viewpoints.
+pub const MAX_VIEWS: usize = 64;
+/// Most depth values of all frames of all viewpoints.
+pub const MAX_DEPTHS: u64 = 32_000_000;
+
+/// The cloud of one viewpoint, in its camera's frame: one point a pixel, row by row.
+///
+/// # Errors
+/// [`Error::Invalid`] with every violation of options, frames and mask, or if a plane is asked for that is not there;
+/// [`Error::Cancelled`] if `cancel` is raised meanwhile.
+pub fn from_view(
+    capture: &Capture<'_>,
+    options: &Options,
+    cancel: &Budget,
+) -> Result<DepthCloud<Camera>, Error> {
+    check([("mask".to_owned(), capture)], options)?;
+    let mut report = Report::default();
+    let points = look(capture, options, 0, &mut report)?;
+    cancel.check()?;
+    finish(points, vec![Point3::origin()], report, options, cancel)
+}
+
+/// The cloud of several viewpoints in the frame that their poses lead to, one point for all that lie in one cell on one
+/// side of a surface.
+///
+/// # Errors
+/// As [`from_view`], and without any view.
+pub fn from_views<F: CellFrame>(
+    views: &[View<'_, F>],
+    options: &Options,
+    cancel: &Budget,
+) -> Result<DepthCloud<F>, Error> {
+    let captures = views
+        .iter()
+        .enumerate()
+        .map(|(index, view)| (format!("mask[{index}]"), &view.capture));
+    check(captures, options)?;
+    let mut report = Report::default();
+    let mut points = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        cancel.check()?;
+        let seen = look(&view.capture, options, index as u32, &mut report)?;
+        points.extend(views::moved(&view.f_from_camera, &seen));
+    }
+    cancel.check()?;
+    let merged = views::merged(&points, options.voxel_mm);
+    drop(points);
+    let viewpoints = views.iter().map(|view| view.f_from_camera.origin());
+    finish(merged, viewpoints.collect(), report, options, cancel)
+}
+
+/// The points of one viewpoint in its camera's frame.
+fn look(
+    capture: &Capture<'_>,
+    options: &Options,
+    view: u32,
+    report: &mut Report,
+) -> Result<Vec<SeenPoint>, Error> {
+    let averaged = average(&capture.frames, &options.noise)?;
+    report.clipped.extend(&averaged.clipped);
+    let first = &capture.frames[0];
+    let intrinsics = first.lens.intrinsics();
+    let noise = options
+        .noise
+        .of_camera(intrinsics.fx_px, first.depth_unit_mm);
+    let selection = Selection {
+        roi: options.roi.unwrap_or_else(|| intrinsics.image()),
+        mask: capture.mask,
+        range_mm: [options.min_depth_mm, options.max_depth_mm],
+        steepest_rad: options.steepest_rad,
+        normal_reach_px: options.normal_reach_px,
+    };
+    let seen = deproject::deproject(first.lens, &averaged, &noise, &selection, view)?;
+    report.dropped += seen.dropped;
+    Ok(seen.points)
+}
+
+/// Takes away strays and planes.
+fn finish<F: CellFrame>(
+    mut points: Vec<SeenPoint>,
+    viewpoints: Vec<Point3>,
+    mut report: Report,
+    options: &Options,
+    cancel: &Budget,
+) -> Result<DepthCloud<F>, Error> {
+    if let Some(filter) = &options.outliers {
+        let positions: Vec<Point3> = points.iter().map(|point| point.position).collect();
+        let strays = filter.strays(&positions, cancel)?;
+        report.strays = take(&mut points, &strays.indices);
+    }
+    if let Some(removal) = &options.plane {
+        for number in 0..removal.planes {
+            cancel.check()?;
+            match removal.largest(&points, &viewpoints) {
+                Ok((plane, indices)) => {
+                    take(&mut points, &indices);
+                    report.planes.push(plane);
+                }
+                Err(refusal) if number == 0 => return Err(refusal),
+                Err(_) => break,
+            }
+        }
+    }
+    Ok(DepthCloud {
+        points,
+        viewpoints,
+        report,
+        frame: std::marker::PhantomData,
+    })
+}
+
+/// Moves the points of the ascending `indices` out of `points`.
+fn take(points: &mut Vec<SeenPoint>, indices: &[usize]) -> Vec<SeenPoint> {
+    let taken = indices.iter().map(|index| points[*index]).collect();
+    let (mut index, mut next) = (0, indices.iter().peekable());
+    points.retain(|_| {
+        let goes = next.next_if_eq(&&index).is_some();
+        index += 1;
+        !goes
+    });
+    taken
+}
+
+impl<F: CellFrame> DepthCloud<F> {
+    /// Positions and normals alone.
+    pub fn cloud(&self) -> Cloud {
+        Cloud {
+            points: self.points.iter().map(|point| point.position).collect(),
+            normals: self.points.iter().map(|point| point.normal).collect(),
+        }
+    }
+}
+
+/// What is wrong with the number of viewpoints and frames of an image.
+pub fn count_violations(intrinsics: &Intrinsics, views: usize, frames: usize) -> Vec<Violation> {
+    let mut violations: Vec<Violation> = count_violation(frames).into_iter().collect();
+    if views == 0 || views > MAX_VIEWS {
         violations.push(Violation::new(
-            "header.intrinsics",
-            format!(
-                "is {} x {} px, must have 1 to {MAX_PIXELS} pixels",
-                intrinsics.width_px, intrinsics.height_px
-            ),
+            "header.views",
+            format!("has {views}, must have 1 to {MAX_VIEWS}"),
         ));
     }
-    for (field, value) in [("fx_px", intrinsics.fx_px), ("fy_px", intrinsics.fy_px)] {
-        if !(value > 0.0 && value.is_finite()) {
-            violations.push(Violation::new(
-                format!("header.intrinsics.{field}"),
-                format!("is {value}, must be finite and greater than 0"),
-            ));
-        }
-    }
-    for (field, value) in [("cx_px", intrinsics.cx_px), ("cy_px", intrinsics.cy_px)] {
-        if !value.is_finite() {
-            violations.push(Violation::new(
-                format!("header.intrinsics.{field}"),
-                format!("is {value}, must be finite"),
-            ));
-        }
-    }
-    if !(depth_unit_mm > 0.0 && depth_unit_mm <= MAX_DEPTH_UNIT_MM) {
+    let pixels = intrinsics.pixels().saturating_mul(views as u64);
+    if views > 1 && pixels > MAX_PIXELS {
         violations.push(Violation::new(
-            "header.depth_unit_mm",
-            format!("is {depth_unit_mm}, must be greater than 0 and at most {MAX_DEPTH_UNIT_MM}"),
+            "header.views",
+            format!("have {pixels} pixels together, must have at most {MAX_PIXELS}"),
+        ));
+    }
+    let depths = pixels.saturating_mul(frames as u64);
+    if depths > MAX_DEPTHS {
+        violations.push(Violation::new(
+            "header.frame_count",
+            format!("makes {depths} depth values, must make at most {MAX_DEPTHS}"),
         ));
     }
     violations
 }
 
-/// The points of every pixel that has depth (0 means none) and, if there is a mask, a non-zero mask byte.
-///
-/// # Errors
-/// [`Error::Invalid`] if the description is bad or `depth` or `mask` does not have one value a pixel.
-pub fn deproject(
-    intrinsics: &Intrinsics,
-    depth_unit_mm: f64,
-    depth: &[u16],
-    mask: Option<&[u8]>,
-) -> Result<Cloud, Error> {
-    let mut violations = violations(intrinsics, depth_unit_mm);
-    let pixels = intrinsics.width_px as usize * intrinsics.height_px as usize;
-    for (field, count) in [
-        ("depth", Some(depth.len())),
-        ("mask", mask.map(<[u8]>::len)),
-    ] {
-        if let Some(count) = count.filter(|count| *count != pixels) {
+/// Everything that can be told before any work.
+fn check<'a>(
+    captures: impl IntoIterator<Item = (String, &'a Capture<'a>)>,
+    options: &Options,
+) -> Result<(), Error> {
+    let mut violations = Vec::new();
+    let mut views = 0;
+    for (mask_field, capture) in captures {
+        views += 1;
+        violations.extend(fusion::frames::violations(&capture.frames));
+        let Some(first) = capture.frames.first() else {
+            continue;
+        };
+        let intrinsics = first.lens.intrinsics();
+        if let Some(mask) = capture
+            .mask
+            .filter(|m| m.len() as u64 != intrinsics.pixels())
+        {
             violations.push(Violation::new(
-                field,
-                format!("has {count} pixels, must have {pixels}"),
+                mask_field,
+                format!(
+                    "has {} pixels, must have {}",
+                    mask.len(),
+                    intrinsics.pixels()
+                ),
             ));
         }
+        violations.extend(options.violations(intrinsics));
     }
-    if !violations.is_empty() {
-        return Err(Error::Invalid(violations));
+    if views == 0 {
+        violations.push(Violation::new(
+            "header.views",
+            "has 0, must have at least 1",
+        ));
     }
-    let image = Image {
-        intrinsics,
-        depth_unit_mm,
-        depth,
-        mask,
-    };
-    let seen: Vec<(Point3, Vector3)> = (0..i64::from(intrinsics.height_px))
-        .into_par_iter()
-        .flat_map_iter(|row| {
-            let image = &image;
-            (0..i64::from(intrinsics.width_px)).filter_map(move |column| {
-                let point = image.point(column, row)?;
-                Some((point, image.normal(column, row, &point)))
-            })
-        })
-        .collect();
-    let (points, normals) = seen.into_iter().unzip();
-    Ok(Cloud { points, normals })
-}
-
-struct Image<'a> {
-    intrinsics: &'a Intrinsics,
-    depth_unit_mm: f64,
-    depth: &'a [u16],
-    mask: Option<&'a [u8]>,
-}
-
-impl Image<'_> {
-    /// The point seen at a pixel, mm; `None` outside the image, without depth, or masked out.
-    fn point(&self, column: i64, row: i64) -> Option<Point3> {
-        let (width, height) = (
-            i64::from(self.intrinsics.width_px),
-            i64::from(self.intrinsics.height_px),
-        );
-        if !(0..width).contains(&column) || !(0..height).contains(&row) {
-            return None;
-        }
-        let pixel = (row * width + column) as usize;
-        let depth = self.depth[pixel];
-        if depth == 0 || self.mask.is_some_and(|mask| mask[pixel] == 0) {
-            return None;
-        }
-        let z = f64::from(depth) * self.depth_unit_mm;
-        Some(Point3::new(
-            (column as f64 - self.intrinsics.cx_px) * z / self.intrinsics.fx_px,
-            (row as f64 - self.intrinsics.cy_px) * z / self.intrinsics.fy_px,
-            z,
-        ))
-    }
-
-    /// Normal of the plane through the pixels around, towards the camera; the line of sight where they are too few.
-    fn normal(&self, column: i64, row: i64, point: &Point3) -> Vector3 {
-        let around = -NORMAL_REACH_PX..=NORMAL_REACH_PX;
-        let near: Vec<Vector3> = around
-            .clone()
-            .flat_map(|dy| around.clone().map(move |dx| (column + dx, row + dy)))
-            .filter_map(|(column, row)| self.point(column, row))
-            .filter(|other| (other.z - point.z).abs() < JUMP * point.z)
-            .map(|other| other.coords)
-            .collect();
-        let towards_camera = -point.coords.normalize();
-        if near.len() < 5 {
-            return towards_camera;
-        }
-        let mean = near.iter().sum::<Vector3>() / near.len() as f64;
-        let covariance: Matrix3<f64> = near
-            .iter()
-            .map(|p| p - mean)
-            .map(|d| d * d.transpose())
-            .sum();
-        let eigen = SymmetricEigen::new(covariance);
-        let normal: Vector3 = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
-        if normal.dot(&towards_camera) < 0.0 {
-            -normal
-        } else {
-            normal
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CAMERA: Intrinsics = Intrinsics {
-        width_px: 40,
-        height_px: 30,
-        fx_px: 50.0,
-        fy_px: 60.0,
-        cx_px: 19.5,
-        cy_px: 14.5,
-    };
-
-    /// Depth in tenths of a millimetre of the plane n . p = 1.
-    fn plane_depth(over_distance: Vector3) -> Vec<u16> {
-        (0..30)
-            .flat_map(|row| (0..40).map(move |column| (f64::from(column), f64::from(row))))
-            .map(|(column, row)| {
-                let ray = Vector3::new((column - 19.5) / 50.0, (row - 14.5) / 60.0, 1.0);
-                (10.0 / over_distance.dot(&ray)).round() as u16
-            })
-            .collect()
-    }
-
-    #[test]
-    fn a_tilted_plane_comes_back_with_normals_towards_the_camera() {
-        let over_distance = Vector3::new(0.001, -0.0005, 1.0 / 300.0);
-        let cloud = deproject(&CAMERA, 0.1, &plane_depth(over_distance), None).unwrap();
-        assert_eq!(cloud.points.len(), 1200);
-        let expected = -over_distance.normalize();
-        for (point, normal) in cloud.points.iter().zip(&cloud.normals) {
-            assert!((over_distance.dot(&point.coords) - 1.0).abs() < 1e-3);
-            assert!(normal.dot(&expected) > 0.999, "{normal}");
-        }
-    }
-
-    #[test]
-    fn pixels_without_depth_or_masked_out_give_no_points() {
-        let mut depth = vec![1000; 1200];
-        depth[..100].fill(0);
-        let mut mask = vec![255; 1200];
-        mask[100..300].fill(0);
-        let cloud = deproject(&CAMERA, 0.1, &depth, Some(&mask)).unwrap();
-        assert_eq!(cloud.points.len(), 900);
-    }
-
-    #[test]
-    fn a_bad_image_is_refused_with_every_violation() {
-        let camera = Intrinsics {
-            fx_px: 0.0,
-            cy_px: f64::NAN,
-            ..CAMERA
-        };
-        let error = deproject(&camera, -1.0, &[1; 7], Some(&[1; 1200])).unwrap_err();
-        let Error::Invalid(violations) = error else {
-            panic!("{error}");
-        };
-        let fields: Vec<&str> = violations.iter().map(|v| v.field.as_str()).collect();
-        assert_eq!(
-            fields,
-            [
-                "header.intrinsics.fx_px",
-                "header.intrinsics.cy_px",
-                "header.depth_unit_mm",
-                "depth"
-            ]
-        );
+    violations.dedup();
+    if violations.is_empty() {
+        Ok(())
+    } else {
+        Err(Error::Invalid(violations))
     }
 }

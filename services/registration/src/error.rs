@@ -38,15 +38,27 @@ impl Violation {
     }
 }
 
+/// Most violations that one answer tells: a status travels in headers, of which a client takes 16 KiB.
+const MAX_TOLD: usize = 24;
+
 impl From<Error> for Status {
     fn from(error: Error) -> Self {
         match error {
-            Error::Invalid(violations) => status::invalid_all(
-                violations
+            Error::Invalid(violations) => {
+                let untold = violations.len().saturating_sub(MAX_TOLD);
+                let mut told: Vec<(String, String)> = violations
                     .into_iter()
+                    .take(MAX_TOLD)
                     .map(|violation| (violation.field, violation.description))
-                    .collect(),
-            ),
+                    .collect();
+                if untold > 0 {
+                    told.push((
+                        "request".to_owned(),
+                        format!("violates {untold} more limits"),
+                    ));
+                }
+                status::invalid_all(told)
+            }
             error @ Error::NothingFound => status::refused("NOTHING_FOUND", error.to_string(), &[]),
             Error::Cancelled => Status::cancelled("the computation was cancelled"),
         }

@@ -1,6 +1,6 @@
 //! Finds the pose of a preoperative model in what the camera sees: the paper's Super4PCS and scaled ICP, kept robust
 //! on partial views, and an honest verdict. [`pipeline::register`] is the whole of it without any server;
-//! [`depth::deproject`] makes the view from a depth image.
+//! [`depth::from_view`] makes the view from depth images.
 
 pub mod budget;
 pub mod cells;

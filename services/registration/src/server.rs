@@ -6,7 +6,6 @@ use std::task::{Context, Poll};
 use std::time::Instant;
 
 use arthro_bootstrap::status;
-use arthro_proto::common::v1::{CloudHeader, Frame};
 use arthro_proto::registration::v1 as api;
 use arthro_proto::registration::v1::registration_service_server::{
     RegistrationService, RegistrationServiceServer,
@@ -18,10 +17,10 @@ use tonic::{Request, Response, Status, Streaming};
 
 use crate::budget::Budget;
 use crate::config::Config;
-use crate::depth;
 use crate::pipeline::{Event, register};
 
 mod answer;
+mod depth;
 mod receive;
 
 /// All that is served.
@@ -90,25 +89,7 @@ impl RegistrationService for Registrar {
         &self,
         request: Request<Streaming<api::DeprojectDepthRequest>>,
     ) -> Result<Response<Self::DeprojectDepthStream>, Status> {
-        let permit = self.permit()?;
-        let image = receive::depth(request.into_inner()).await?;
-        let cloud = tokio::task::spawn_blocking(move || {
-            let _permit = permit;
-            depth::deproject(
-                &image.intrinsics,
-                image.depth_unit_mm,
-                &image.depth,
-                image.mask.as_deref(),
-            )
-        })
-        .await
-        .map_err(|error| Status::internal(format!("the deprojection failed: {error}")))??;
-        let header = CloudHeader {
-            frame: Frame::Camera.into(),
-            point_count: cloud.points.len() as u32,
-            has_normals: true,
-        };
-        let messages = answer::deprojection(header, cloud);
+        let messages = depth::deproject(self.permit()?, request.into_inner()).await?;
         Ok(Response::new(Box::pin(tokio_stream::iter(
             messages.map(Ok),
         ))))

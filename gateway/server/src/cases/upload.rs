@@ -14,6 +14,8 @@ pub const VERTICES_MAX: u32 = 500_000;
 pub const TRIANGLES_MAX: u32 = 500_000;
 /// Most pixels of a depth image.
 pub const PIXELS_MAX: u64 = 8_000_000;
+/// Most depth values of all frames of a scene.
+pub const DEPTHS_MAX: u64 = 32_000_000;
 /// Fewest points that can be registered.
 pub const POINTS_MIN: u32 = 100;
 /// No meniscus is smaller in its longest extent; a smaller one was given in metres, mm.

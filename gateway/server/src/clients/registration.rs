@@ -84,7 +84,8 @@ impl Registration {
             match answer.payload {
                 Some(Answer::Header(announced)) => header = Some(announced),
                 Some(Answer::Points(chunk)) => points.extend_from_slice(&chunk),
-                None => {}
+                // A case keeps the cloud alone.
+                Some(Answer::Details(_) | Answer::Report(_)) | None => {}
             }
             if points.len() > max_bytes {
                 return Err(Failure::unusable(PEER, "the cloud is too large"));

@@ -120,9 +120,11 @@ async fn a_depth_image_becomes_a_scene() {
                     fy_px: 20.0,
                     cx_px: 10.0,
                     cy_px: 5.0,
+                    distortion: None,
                 }),
                 depth_unit_mm: 0.1,
                 has_mask: true,
+                ..Default::default()
             },
         )),
     };
@@ -142,6 +144,57 @@ async fn a_depth_image_becomes_a_scene() {
         .into_inner();
     assert_eq!(answer.point_count, 200);
     assert_eq!(answer.case.unwrap().scene_digest.len(), 64);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scene_of_several_frames_is_taken_whole_and_one_of_several_viewpoints_is_refused() {
+    use proto::upload_scene_request::Payload;
+    let mut bench = Bench::new().await;
+    let case_id = bench.case().await;
+    let header = registration::DepthHeader {
+        intrinsics: Some(registration::Intrinsics {
+            width_px: 20,
+            height_px: 10,
+            ..Default::default()
+        }),
+        frame_count: 3,
+        ..Default::default()
+    };
+    let upload = |header, depth_bytes| {
+        let header = proto::SceneHeader {
+            case_id: case_id.clone(),
+            scene: Some(proto::scene_header::Scene::Depth(header)),
+        };
+        let messages = [
+            Payload::Header(header),
+            Payload::Depth(vec![1; depth_bytes].into()),
+        ]
+        .map(|payload| proto::UploadSceneRequest {
+            payload: Some(payload),
+        });
+        let mut cases = bench.cases.clone();
+        async move { cases.upload_scene(tokio_stream::iter(messages)).await }
+    };
+    upload(header.clone(), 1200).await.unwrap();
+    let short = upload(header.clone(), 400).await.unwrap_err();
+    assert!(short.message().contains("1200"), "{short}");
+    let endless = registration::DepthHeader {
+        frame_count: u32::MAX,
+        ..header.clone()
+    };
+    let refusal = upload(endless, 0).await.unwrap_err();
+    assert!(refusal.message().contains("header.depth.frame_count"));
+    let views = registration::DepthHeader {
+        views: vec![registration::DepthView::default(); 2],
+        ..header
+    };
+    let refusal = upload(views, 1200).await.unwrap_err();
+    assert!(
+        refusal
+            .message()
+            .contains("header.depth.views: has 2 viewpoints; must have none"),
+        "{refusal}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

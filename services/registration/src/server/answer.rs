@@ -2,17 +2,12 @@
 
 use std::time::Duration;
 
-use arthro_geometry::Cloud;
-use arthro_geometry::frame::Frame as FrameType;
-use arthro_proto::common::v1::{CloudHeader, Point, Quaternion, Similarity};
+use arthro_geometry::frame::Frame;
+use arthro_proto::common::v1::{Point, Quaternion, Similarity};
 use arthro_proto::registration::v1 as api;
-use arthro_proto::registration::v1::deproject_depth_response::Payload;
 
 use crate::gate::Verdict;
 use crate::pipeline::{Event, Registration};
-
-/// Points a chunk of at most 256 KiB: six float32 each.
-const POINTS_PER_CHUNK: usize = 256 * 1024 / 24;
 
 pub(super) fn event(event: Event, elapsed: Duration) -> api::RegisterResponse {
     use api::register_response::Event as Message;
@@ -103,7 +98,7 @@ pub(super) fn result(registration: &Registration, elapsed: Duration) -> api::Reg
     }
 }
 
-fn similarity<A: FrameType, B: FrameType>(pose: &arthro_geometry::Similarity<A, B>) -> Similarity {
+fn similarity<A: Frame, B: Frame>(pose: &arthro_geometry::Similarity<A, B>) -> Similarity {
     let rotation = pose.rotation.quaternion();
     Similarity {
         scale: pose.scale,
@@ -119,29 +114,4 @@ fn similarity<A: FrameType, B: FrameType>(pose: &arthro_geometry::Similarity<A, 
             z_mm: pose.translation_mm.z,
         }),
     }
-}
-
-/// The header, then chunks that are packed as they are sent.
-pub(super) fn deprojection(
-    header: CloudHeader,
-    cloud: Cloud,
-) -> impl Iterator<Item = api::DeprojectDepthResponse> + Send {
-    let chunks = cloud.points.len().div_ceil(POINTS_PER_CHUNK);
-    let packed = (0..chunks).map(move |chunk| {
-        let first = chunk * POINTS_PER_CHUNK;
-        let last = (first + POINTS_PER_CHUNK).min(cloud.points.len());
-        let mut bytes = Vec::with_capacity((last - first) * 24);
-        for index in first..last {
-            let (point, normal) = (&cloud.points[index].coords, &cloud.normals[index]);
-            for value in point.iter().chain(normal.iter()) {
-                bytes.extend_from_slice(&(*value as f32).to_le_bytes());
-            }
-        }
-        Payload::Points(bytes.into())
-    });
-    std::iter::once(Payload::Header(header))
-        .chain(packed)
-        .map(|payload| api::DeprojectDepthResponse {
-            payload: Some(payload),
-        })
 }

@@ -1,4 +1,4 @@
-//! Receives clouds and images in chunks: refused by their header before anything is buffered, and never more than announced.
+//! Receives clouds in chunks: refused by their header before anything is buffered, and never more than announced.
 
 use arthro_bootstrap::status::{invalid, invalid_all};
 use arthro_geometry::{Cloud, Point3};
@@ -6,7 +6,6 @@ use arthro_proto::common::v1::{CloudHeader, Frame, Point};
 use arthro_proto::registration::v1 as api;
 use tonic::{Status, Streaming};
 
-use crate::depth::{self, Intrinsics};
 use crate::error::{Error, Violation};
 use crate::input::{self, SCALES};
 use crate::pipeline::{Method, Options};
@@ -17,14 +16,6 @@ pub(super) struct Upload {
     pub(super) source: Cloud,
     pub(super) target: Cloud,
     pub(super) options: Options,
-}
-
-/// What a deprojection starts from.
-pub(super) struct DepthImage {
-    pub(super) intrinsics: Intrinsics,
-    pub(super) depth_unit_mm: f64,
-    pub(super) depth: Vec<u16>,
-    pub(super) mask: Option<Vec<u8>>,
 }
 
 pub(super) async fn registration(
@@ -224,60 +215,13 @@ fn unpack(bytes: &[u8]) -> Point3 {
     Point3::new(value(0), value(4), value(8))
 }
 
-pub(super) async fn depth(
-    mut messages: Streaming<api::DeprojectDepthRequest>,
-) -> Result<DepthImage, Status> {
-    use api::deproject_depth_request::Payload;
-    let Some(Payload::Header(header)) = messages.message().await?.and_then(|m| m.payload) else {
-        return Err(invalid("header", "must come in the first message"));
-    };
-    let camera = header.intrinsics.unwrap_or_default();
-    let intrinsics = Intrinsics {
-        width_px: camera.width_px,
-        height_px: camera.height_px,
-        fx_px: camera.fx_px,
-        fy_px: camera.fy_px,
-        cx_px: camera.cx_px,
-        cy_px: camera.cy_px,
-    };
-    let violations = depth::violations(&intrinsics, header.depth_unit_mm);
-    if !violations.is_empty() {
-        return Err(Error::Invalid(violations).into());
-    }
-    let pixels = intrinsics.width_px as usize * intrinsics.height_px as usize;
-    let mask_bytes = if header.has_mask { pixels } else { 0 };
-    let (mut depth, mut mask) = (Vec::new(), Vec::new());
-    while let Some(message) = messages.message().await? {
-        match message.payload {
-            Some(Payload::Depth(bytes)) => {
-                count_in("depth", depth.len(), bytes.len(), 2 * pixels)?;
-                depth.extend_from_slice(&bytes);
-            }
-            Some(Payload::Mask(bytes)) => {
-                count_in("mask", mask.len(), bytes.len(), mask_bytes)?;
-                mask.extend_from_slice(&bytes);
-            }
-            Some(Payload::Header(_)) => {
-                return Err(invalid("header", "must come once, in the first message"));
-            }
-            None => return Err(invalid("payload", "is not set")),
-        }
-    }
-    complete("depth", depth.len(), 2 * pixels)?;
-    complete("mask", mask.len(), mask_bytes)?;
-    Ok(DepthImage {
-        intrinsics,
-        depth_unit_mm: header.depth_unit_mm,
-        depth: depth
-            .chunks_exact(2)
-            .map(|pixel| u16::from_le_bytes([pixel[0], pixel[1]]))
-            .collect(),
-        mask: header.has_mask.then_some(mask),
-    })
-}
-
 /// Bytes received once `more` are in; refuses those beyond the announced ones before they are kept.
-fn count_in(field: &str, received: usize, more: usize, announced: usize) -> Result<usize, Status> {
+pub(super) fn count_in(
+    field: &str,
+    received: usize,
+    more: usize,
+    announced: usize,
+) -> Result<usize, Status> {
     let total = received + more;
     if total > announced {
         return Err(invalid_all(vec![(
@@ -288,7 +232,7 @@ fn count_in(field: &str, received: usize, more: usize, announced: usize) -> Resu
     Ok(total)
 }
 
-fn complete(field: &str, received: usize, announced: usize) -> Result<(), Status> {
+pub(super) fn complete(field: &str, received: usize, announced: usize) -> Result<(), Status> {
     if received < announced {
         return Err(invalid(
             field,

@@ -5,6 +5,10 @@
     reason = "a helper that fails fails its test"
 )]
 
+mod depth_cleaning;
+mod depth_cloud;
+mod depth_scene;
+mod depth_service;
 mod properties;
 mod public_cases;
 mod rendered_views;

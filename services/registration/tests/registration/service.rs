@@ -15,7 +15,7 @@ use tonic::{Code, Status};
 use crate::world::{crescent, seen};
 
 /// A server on a free port, ended with its runtime.
-async fn client() -> RegistrationServiceClient<Channel> {
+pub async fn client() -> RegistrationServiceClient<Channel> {
     client_of(Config::default()).await
 }
 
@@ -260,11 +260,13 @@ async fn a_depth_image_comes_back_as_a_cloud_in_the_camera_frame() {
         fy_px: 400.0,
         cx_px: 149.5,
         cy_px: 49.5,
+        distortion: None,
     };
     let header = api::DepthHeader {
         intrinsics: Some(intrinsics),
         depth_unit_mm: 0.1,
         has_mask: true,
+        ..Default::default()
     };
     let depth: Vec<u8> = 2000u16.to_le_bytes().repeat(30_000);
     let mut mask = vec![1u8; 30_000];
@@ -277,7 +279,7 @@ async fn a_depth_image_comes_back_as_a_cloud_in_the_camera_frame() {
             });
         tokio_stream::iter(messages.collect::<Vec<_>>())
     };
-    let mut payloads = vec![Payload::Header(header)];
+    let mut payloads = vec![Payload::Header(header.clone())];
     payloads.extend(
         depth
             .chunks(7777)

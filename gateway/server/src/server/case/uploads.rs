@@ -11,8 +11,8 @@ use super::CaseApi;
 use crate::cases::Scene;
 use crate::cases::case::Case;
 use crate::cases::upload::{
-    Announced, PIXELS_MAX, POINTS_MAX, POINTS_MIN, TRIANGLES_MAX, VERTICES_MAX, check_count,
-    check_extent, check_points, check_triangles, positions,
+    Announced, DEPTHS_MAX, PIXELS_MAX, POINTS_MAX, POINTS_MIN, TRIANGLES_MAX, VERTICES_MAX,
+    check_count, check_extent, check_points, check_triangles, positions,
 };
 use crate::clients::planning::PackedModel;
 use crate::error::{Error, Result as DomainResult, Violation};
@@ -265,8 +265,25 @@ fn announced_bytes(
                     format!("is an image of {pixels} pixels; must be within 1 .. {PIXELS_MAX}"),
                 ));
             }
-            let pixels = usize::try_from(pixels).unwrap_or(usize::MAX);
-            Ok((0, 2 * pixels, if depth.has_mask { pixels } else { 0 }))
+            if !depth.views.is_empty() {
+                return Err(Error::invalid(
+                    "header.depth.views",
+                    format!(
+                        "has {} viewpoints; must have none: a scene is in camera",
+                        depth.views.len()
+                    ),
+                ));
+            }
+            let depths = pixels * u64::from(depth.frame_count.max(1));
+            if depths > DEPTHS_MAX {
+                return Err(Error::invalid(
+                    "header.depth.frame_count",
+                    format!("makes {depths} depth values; must make at most {DEPTHS_MAX}"),
+                ));
+            }
+            let [pixels, depths] =
+                [pixels, depths].map(|count| usize::try_from(count).unwrap_or(usize::MAX / 2));
+            Ok((0, 2 * depths, if depth.has_mask { pixels } else { 0 }))
         }
     }
 }
