@@ -9,14 +9,17 @@
 pub mod cloud;
 pub mod frame;
 pub mod mesh;
+pub mod nrrd;
 pub mod phantom;
 pub mod ply;
+pub mod scan;
 pub mod transform;
 pub mod volume;
 
 pub use cloud::Cloud;
 pub use mesh::Mesh;
 pub use nalgebra;
+pub use scan::Scan;
 pub use transform::{Rigid, Similarity};
 
 /// A point in millimetres.
