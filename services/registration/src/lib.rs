@@ -11,6 +11,7 @@ pub mod input;
 pub mod mse;
 pub mod neighbours;
 pub mod pipeline;
+pub mod reconstruct;
 pub mod sampling;
 pub mod scaled_icp;
 pub mod seeds;
