@@ -8,9 +8,11 @@ use crate::{Point3, Vector3};
 
 mod labels;
 mod lattice;
+mod voxels;
 
 pub use labels::{Label, MAX_LABELS, NoLabels, labels};
 pub use lattice::{Lattice, MAX_COORDINATE_MM, MIN_SOLIDITY, STEPS_MM};
+pub use voxels::{ByteOrder, Value, Visit, VoxelType, Voxels};
 
 /// Most bytes the values of a scan may take.
 pub const MAX_BYTES: usize = 512 << 20;
@@ -20,34 +22,6 @@ pub const MAX_BYTES: usize = 512 << 20;
 pub struct Scan {
     lattice: Lattice,
     voxels: Voxels,
-}
-
-/// Voxel values, along the first axis of the lattice first.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "each is the vector its name says")]
-pub enum Voxels {
-    I8(Vec<i8>),
-    U8(Vec<u8>),
-    I16(Vec<i16>),
-    U16(Vec<u16>),
-    I32(Vec<i32>),
-    U32(Vec<u32>),
-    F32(Vec<f32>),
-    F64(Vec<f64>),
-}
-
-/// A number that a voxel may hold.
-pub trait Value: Copy + PartialOrd + Into<f64> + Send + Sync + 'static {
-    /// The value of this type that equals `number`, if there is one.
-    fn exactly(number: f64) -> Option<Self>;
-}
-
-/// Work on voxels of whichever type.
-pub trait Visit {
-    /// What the work gives.
-    type Output;
-    /// Does it.
-    fn visit<T: Value>(self, values: &[T]) -> Self::Output;
 }
 
 /// What is wrong with a lattice or with its values: everything found.
@@ -99,57 +73,6 @@ impl Scan {
     /// What they hold.
     pub fn voxels(&self) -> &Voxels {
         &self.voxels
-    }
-}
-
-// === impl Voxels ===
-
-impl Voxels {
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.visit(Count)
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Lets `work` see the values in their own type.
-    pub fn visit<V: Visit>(&self, work: V) -> V::Output {
-        match self {
-            Self::I8(values) => work.visit(values),
-            Self::U8(values) => work.visit(values),
-            Self::I16(values) => work.visit(values),
-            Self::U16(values) => work.visit(values),
-            Self::I32(values) => work.visit(values),
-            Self::U32(values) => work.visit(values),
-            Self::F32(values) => work.visit(values),
-            Self::F64(values) => work.visit(values),
-        }
-    }
-}
-
-macro_rules! values {
-    ($($number:ty),*) => {$(
-        impl Value for $number {
-            fn exactly(number: f64) -> Option<Self> {
-                // A cast saturates, so that a number out of range does not equal what it became.
-                let cast = number as $number;
-                (f64::from(cast) == number).then_some(cast)
-            }
-        }
-    )*};
-}
-
-values!(i8, u8, i16, u16, i32, u32, f32, f64);
-
-struct Count;
-
-impl Visit for Count {
-    type Output = usize;
-    fn visit<T: Value>(self, values: &[T]) -> usize {
-        values.len()
     }
 }
 

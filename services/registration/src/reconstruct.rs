@@ -24,7 +24,6 @@ mod surface_nets;
 mod volume;
 
 pub use decimate::Decimation;
-pub use pieces::Pieces;
 pub use sample::sample;
 pub use surface_nets::MAX_QUADS;
 
@@ -42,8 +41,9 @@ pub enum Inside {
 pub struct Options {
     /// What is inside.
     pub inside: Inside,
-    /// Which separate pieces are kept.
-    pub pieces: Pieces,
+    /// Pieces and cavities smaller than this share of the largest piece are dropped, 0 to 1: 0 keeps all, 1 the
+    /// outside of the largest.
+    pub min_piece_share: f64,
     /// Passes of smoothing; `None` is [`LABEL_PASSES`] for a label and none for a threshold, whose surface is
     /// smooth already.
     pub smoothing_passes: Option<u32>,
@@ -51,6 +51,8 @@ pub struct Options {
     pub decimation: Decimation,
 }
 
+/// What is smaller is a speck.
+pub const MIN_PIECE_SHARE: f64 = 0.01;
 /// Passes of smoothing that take the steps of a label's voxels off.
 pub const LABEL_PASSES: u32 = 40;
 /// Most passes of smoothing.
@@ -80,7 +82,7 @@ impl Options {
     pub fn new(inside: Inside) -> Self {
         Self {
             inside,
-            pieces: Pieces::default(),
+            min_piece_share: MIN_PIECE_SHARE,
             smoothing_passes: None,
             decimation: Decimation::default(),
         }
@@ -106,7 +108,12 @@ impl Options {
                 format!("is {passes}, must be at most {MAX_PASSES}"),
             ));
         }
-        violations.extend(self.pieces.violation());
+        if !(0.0..=1.0).contains(&self.min_piece_share) {
+            violations.push(Violation::new(
+                "min_piece_share",
+                format!("is {}, must be 0 to 1", self.min_piece_share),
+            ));
+        }
         violations.extend(self.decimation.violation());
         violations
     }
@@ -135,7 +142,7 @@ pub fn reconstruct(
         return Err(Error::Invalid(violations));
     }
     let (mut net, body) = enclose(scan, options.inside, cancel)?;
-    let dropped_pieces = pieces::keep(&mut net, options.pieces);
+    let dropped_pieces = pieces::drop_small(&mut net, options.min_piece_share);
     let lattice = scan.lattice();
     let voxel_volume_mm3 = net.volume_mm3(lattice, options.inside);
     let passes = options.passes();

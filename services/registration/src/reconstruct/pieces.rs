@@ -1,57 +1,20 @@
-//! The separate pieces of a net, and which of them are kept. A cavity is a piece of negative volume.
+//! The separate pieces of a net: a surface outside, or around a cavity, which has a negative volume. Small ones are
+//! specks of a hand-drawn or thresholded segmentation.
 
 use super::surface_nets::{Net, cone};
-use crate::error::Violation;
 
-/// Which pieces are kept.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pieces {
-    /// All of them.
-    All,
-    /// The outside of the largest one; its cavities are filled.
-    Largest,
-    /// Pieces and cavities of at least this share of the largest one's volume, 0 to 1.
-    FromShare(f64),
-}
-
-impl Default for Pieces {
-    /// Without the specks of a hand-drawn or thresholded segmentation: from a hundredth on.
-    fn default() -> Self {
-        Self::FromShare(0.01)
-    }
-}
-
-impl Pieces {
-    pub(super) fn violation(&self) -> Option<Violation> {
-        match self {
-            Self::FromShare(share) if !(0.0..=1.0).contains(share) => Some(Violation::new(
-                "min_piece_share",
-                format!("is {share}, must be 0 to 1"),
-            )),
-            _ => None,
-        }
-    }
-}
-
-/// Drops the other pieces and tells how many they were.
-pub(super) fn keep(net: &mut Net, pieces: Pieces) -> usize {
-    if pieces == Pieces::All {
-        return 0;
-    }
+/// Drops the pieces and fills the cavities that are smaller than a share of the largest piece, and tells how many.
+pub(super) fn drop_small(net: &mut Net, min_share: f64) -> usize {
     let piece_of = pieces_of(net);
     let count = piece_of.iter().max().map_or(0, |last| last + 1);
     let mut volumes = vec![0.0; count];
     for quad in &net.quads {
         volumes[piece_of[quad[0] as usize]] += cone(&net.middles, quad);
     }
-    let largest = (0..count)
-        .max_by(|a, b| volumes[*a].total_cmp(&volumes[*b]).then(b.cmp(a)))
-        .unwrap_or(0);
-    let is_kept = |piece: usize| match pieces {
-        Pieces::All => true,
-        Pieces::Largest => piece == largest,
-        Pieces::FromShare(share) => volumes[piece].abs() >= share * volumes[largest],
-    };
+    // With the vertices in the middle of their cells it is a number of voxels; equal pieces are equal.
+    let voxels: Vec<f64> = volumes.into_iter().map(f64::round).collect();
+    let largest = voxels.iter().copied().fold(0.0, f64::max);
+    let is_kept = |piece: usize| voxels[piece].abs() >= min_share * largest;
     let dropped = (0..count).filter(|piece| !is_kept(*piece)).count();
     if dropped > 0 {
         retain(net, |vertex| is_kept(piece_of[vertex]));

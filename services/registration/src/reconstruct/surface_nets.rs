@@ -19,8 +19,8 @@ mod patches;
 use layers::Layers;
 use patches::{EDGES, Patches, edge_along};
 
-/// Most quads of a net.
-pub const MAX_QUADS: usize = 4_000_000;
+/// Most quads of a net: its triangles and vertices fit into a file of [`arthro_geometry::ply`].
+pub const MAX_QUADS: usize = 1_800_000;
 
 /// A closed net of quads in fractional voxel indices.
 #[derive(Clone, Debug, Default)]

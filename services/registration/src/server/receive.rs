@@ -226,7 +226,12 @@ pub(super) async fn depth(
 }
 
 /// Bytes received once `more` are in; refuses those beyond the announced ones before they are kept.
-fn count_in(field: &str, received: usize, more: usize, announced: usize) -> Result<usize, Status> {
+pub(super) fn count_in(
+    field: &str,
+    received: usize,
+    more: usize,
+    announced: usize,
+) -> Result<usize, Status> {
     let total = received + more;
     if total > announced {
         return Err(invalid_all(vec![(
@@ -237,7 +242,7 @@ fn count_in(field: &str, received: usize, more: usize, announced: usize) -> Resu
     Ok(total)
 }
 
-fn complete(field: &str, received: usize, announced: usize) -> Result<(), Status> {
+pub(super) fn complete(field: &str, received: usize, announced: usize) -> Result<(), Status> {
     if received < announced {
         return Err(invalid(
             field,

@@ -1,13 +1,13 @@
 //! How near reconstructed surfaces come to the true ones, in voxels: the cube root of a voxel's volume.
 
 use arthro_geometry::scan::Lattice;
-use arthro_registration::reconstruct::{Decimation, Inside, Options, Pieces, sample};
+use arthro_registration::reconstruct::{Decimation, Inside, Options, sample};
 
 use crate::shapes::*;
 
 const OF_LABEL: Options = Options {
     inside: Inside::Label(LABEL),
-    pieces: Pieces::All,
+    min_piece_share: 0.0,
     smoothing_passes: None,
     decimation: Decimation::None,
 };

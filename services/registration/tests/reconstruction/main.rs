@@ -8,5 +8,6 @@
 mod accuracy;
 mod real_knee;
 mod refusals;
+mod service;
 mod shapes;
 mod watertight;

@@ -5,7 +5,7 @@ use arthro_geometry::scan::{Lattice, Scan, Voxels};
 use arthro_geometry::{Point3, Vector3};
 use arthro_registration::cancel::Cancel;
 use arthro_registration::error::Error;
-use arthro_registration::reconstruct::{Decimation, Inside, Options, Pieces, reconstruct};
+use arthro_registration::reconstruct::{Decimation, Inside, Options, reconstruct};
 
 fn scan(voxels: Voxels) -> Scan {
     let steps = Matrix3::from_diagonal(&Vector3::repeat(0.5));
@@ -53,7 +53,7 @@ fn a_threshold_that_all_voxels_are_on_one_side_of_is_refused() {
 fn options_are_refused_all_at_once() {
     let options = Options {
         inside: Inside::Label(0),
-        pieces: Pieces::FromShare(1.5),
+        min_piece_share: 1.5,
         smoothing_passes: Some(5000),
         decimation: Decimation::Triangles(3),
     };
@@ -85,7 +85,7 @@ fn a_surface_through_noise_is_refused_before_it_fills_the_memory() {
         (0..lattice.len()).map(|i| ((i % 400 + i / 400 % 200 + i / 80_000) % 2) as u8);
     let scan = Scan::new(lattice.clone(), Voxels::U8(checkerboard.collect())).unwrap();
     let said = refusal(&scan, &Options::new(Inside::Label(1)));
-    assert!(said.contains("more than 4000000 voxel faces"), "{said}");
+    assert!(said.contains("more than 1800000 voxel faces"), "{said}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use arthro_geometry::nalgebra::Matrix3;
 use arthro_geometry::scan::{Lattice, Scan, Voxels};
 use arthro_geometry::{Mesh, Point3};
-use arthro_registration::reconstruct::{Decimation, Inside, Options, Pieces};
+use arthro_registration::reconstruct::{Decimation, Inside, Options};
 use proptest::prelude::*;
 
 use crate::shapes::surface;
@@ -67,7 +67,7 @@ proptest! {
         let scan = labels(&marks);
         let options = Options {
             inside: Inside::Label(12),
-            pieces: Pieces::All,
+            min_piece_share: 0.0,
             smoothing_passes: Some(passes),
             decimation: Decimation::None,
         };
@@ -84,11 +84,11 @@ proptest! {
     fn decimation_and_dropped_pieces_leave_it_watertight(
         marks in marks().prop_filter("no voxel", |marks| marks.contains(&true)),
         triangles in 100usize..300,
-        largest: bool,
+        min_piece_share in 0.0..=1.0f64,
     ) {
         let options = Options {
             inside: Inside::Label(12),
-            pieces: if largest { Pieces::Largest } else { Pieces::FromShare(0.2) },
+            min_piece_share,
             smoothing_passes: None,
             decimation: Decimation::Triangles(triangles),
         };
@@ -106,7 +106,7 @@ proptest! {
         let (low, high) = (*values.iter().min().unwrap(), *values.iter().max().unwrap());
         let threshold = f64::from(high) - share * (f64::from(high) - f64::from(low));
         let options = Options {
-            pieces: Pieces::All,
+            min_piece_share: 0.0,
             decimation: Decimation::None,
             ..Options::new(Inside::Threshold(threshold))
         };
@@ -123,20 +123,24 @@ fn voxels_that_touch_at_an_edge_or_a_corner_are_apart() {
     for other in [[1, 1, 0], [1, 1, 1], [0, 1, 1]] {
         let mut marks = vec![false; SIZE.iter().product()];
         let at = |[i, j, k]: [usize; 3]| i + SIZE[0] * (j + SIZE[1] * k);
+        marks[at([2, 2, 1])] = true;
         marks[at([2, 2, 2])] = true;
         marks[at([2 + other[0], 2 + other[1], 2 + other[2]])] = true;
-        let with = |pieces| {
+        let with = |min_piece_share| {
             let options = Options {
-                pieces,
+                min_piece_share,
                 smoothing_passes: Some(0),
                 decimation: Decimation::None,
                 ..Options::new(Inside::Label(12))
             };
             surface(&labels(&marks), &options)
         };
-        assert_eq!(with(Pieces::All).mesh.triangles.len(), 24);
-        let one = with(Pieces::Largest);
-        assert_eq!((one.mesh.triangles.len(), one.dropped_pieces), (12, 1));
+        assert_eq!(with(0.0).mesh.triangles.len(), 2 * (10 + 6));
+        let largest = with(1.0);
+        assert_eq!(
+            (largest.mesh.triangles.len(), largest.dropped_pieces),
+            (2 * 10, 1)
+        );
     }
 }
 
@@ -164,19 +168,19 @@ fn lone_voxels_and_thin_sheets_keep_their_volume() {
 fn a_cavity_is_kept_or_filled_as_asked() {
     let mut marks = vec![true; SIZE.iter().product()];
     marks[3 + SIZE[0] * (3 + SIZE[1] * 2)] = false;
-    let with = |pieces| {
+    let with = |min_piece_share| {
         surface(
             &labels(&marks),
             &Options {
-                pieces,
+                min_piece_share,
                 ..Options::new(Inside::Label(12))
             },
         )
     };
     let voxel_mm3 = labels(&marks).lattice().voxel_mm3();
-    let cavity = with(Pieces::Largest).voxel_volume_mm3 - with(Pieces::All).voxel_volume_mm3;
+    let cavity = with(1.0).voxel_volume_mm3 - with(0.0).voxel_volume_mm3;
     assert!((cavity - voxel_mm3).abs() < 1e-9);
-    assert_eq!(with(Pieces::Largest).dropped_pieces, 1);
+    assert_eq!(with(1.0).dropped_pieces, 1);
 }
 
 #[test]
