@@ -19,7 +19,7 @@ use crate::cell::targets::Targets;
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::{cell, demo, scene};
+use crate::{cell, demo, reconstruct, scene};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -43,6 +43,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
             output.result(&value);
             Ok(())
         }
+        Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
         Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
         Command::Run(run) => {
             let mut gateway = connect().await?;
@@ -267,7 +268,8 @@ fn point(point: &Point3) -> Point {
     }
 }
 
-fn stated(given: StatedSpace) -> Option<Stated> {
+/// What the command line says of a file.
+pub fn stated(given: StatedSpace) -> Option<Stated> {
     Some(Stated {
         space: match given.space? {
             SpaceName::Lps => Space::Lps,

@@ -11,6 +11,7 @@ mod demo;
 mod exit;
 mod gateway;
 mod output;
+mod reconstruct;
 mod report;
 mod scene;
 mod serve;
