@@ -10,6 +10,7 @@ use std::collections::BinaryHeap;
 use arthro_geometry::nalgebra::center;
 use arthro_geometry::scan::Lattice;
 use arthro_geometry::{Mesh, Point3, Vector3};
+use rayon::prelude::*;
 
 use crate::cancel::Cancel;
 use crate::error::{Error, Violation};
@@ -149,13 +150,12 @@ impl Collapsing {
             waiting: BinaryHeap::new(),
             limit2_mm2,
         };
-        let edges = mesh
-            .triangles
-            .iter()
-            .flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
         // Each edge is met from both sides and taken once.
+        let edges = mesh.triangles.par_iter().flat_map_iter(|[a, b, c]| {
+            let sides = [[*a, *b], [*b, *c], [*c, *a]];
+            sides.into_iter().filter(|[from, to]| from < to)
+        });
         let waiting: Vec<Reverse<Edge>> = edges
-            .filter(|[from, to]| from < to)
             .map(|ends| collapsing.edge(ends))
             .filter(|edge| edge.error2_mm2() <= limit2_mm2)
             .map(Reverse)
@@ -165,9 +165,9 @@ impl Collapsing {
     }
 
     fn edge(&self, ends: [u32; 2]) -> Edge {
-        let error2 = self.merged(ends).error2(&self.merged_vertex(ends));
+        let (quadric, target) = self.merged(ends);
         let [a, b] = ends.map(|end| self.vertices[end as usize]);
-        let cost = error2 + LENGTH_SHARE * (b - a).norm_squared();
+        let cost = quadric.error2(&target) + LENGTH_SHARE * (b - a).norm_squared();
         Edge {
             cost: (cost as f32).to_bits(),
             ends,
@@ -179,13 +179,12 @@ impl Collapsing {
         self.changes[a as usize] + self.changes[b as usize]
     }
 
-    fn merged(&self, [a, b]: [u32; 2]) -> Quadric {
-        self.quadrics[a as usize] + self.quadrics[b as usize]
-    }
-
-    fn merged_vertex(&self, ends: [u32; 2]) -> Point3 {
-        let [a, b] = ends.map(|end| &self.vertices[end as usize]);
-        self.merged(ends).best_near(&center(a, b))
+    /// What both ends become.
+    fn merged(&self, ends: [u32; 2]) -> (Quadric, Point3) {
+        let [a, b] = ends.map(|end| end as usize);
+        let quadric = self.quadrics[a] + self.quadrics[b];
+        let middle = center(&self.vertices[a], &self.vertices[b]);
+        (quadric, quadric.best_near(&middle))
     }
 
     fn try_collapse(&mut self, edge: &Edge) {
@@ -193,7 +192,7 @@ impl Collapsing {
         if self.changes_of(edge.ends) != edge.changes {
             return;
         }
-        let target = self.merged_vertex(edge.ends);
+        let (quadric, target) = self.merged(edge.ends);
         if !self.rings.may_merge(kept, gone)
             || self.folds(kept, gone, &target)
             || self.folds(gone, kept, &target)
@@ -202,7 +201,7 @@ impl Collapsing {
         }
         self.rings.merge(kept, gone);
         self.vertices[kept as usize] = target;
-        self.quadrics[kept as usize] = self.merged(edge.ends);
+        self.quadrics[kept as usize] = quadric;
         self.changes[kept as usize] += 1;
         self.changes[gone as usize] += 1;
         for neighbour in self.rings.neighbours(kept) {
