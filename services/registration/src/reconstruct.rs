@@ -1,7 +1,7 @@
 //! Surfaces out of scans: one label of a label map, or what lies above a threshold, as a watertight mesh in `ct`.
 //!
-//! [`surface_nets`] lays a net between the voxels inside and those outside, [`pieces`] drops specks, [`smooth`] takes
-//! the steps of the voxels off without moving the net out of its cells or changing its volume, and [`decimate`] leaves
+//! `surface_nets` lays a net between the voxels inside and those outside, `pieces` drops specks, `smooth` takes
+//! the steps of the voxels off without moving the net out of its cells or changing its volume, and `decimate` leaves
 //! no more triangles than the shape needs. Only the box around the label is visited. Every step keeps the mesh closed
 //! and manifold; [`Reconstruction::mesh`] always is.
 

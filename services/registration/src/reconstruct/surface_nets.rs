@@ -1,7 +1,7 @@
 //! Surface nets (Gibson 1998): a vertex in every cell of eight voxels that has some inside and some outside, at the mean
 //! of the places where the surface crosses the cell's edges, and a quad across every such edge.
 //!
-//! A cell through which the surface passes more than once has a vertex for each of its [`patches`], so that the net is
+//! A cell through which the surface passes more than once has a vertex for each of its `patches`, so that the net is
 //! closed and manifold whatever the voxels are. Cells are visited layer by layer: memory goes with the surface, not
 //! with the volume.
 
