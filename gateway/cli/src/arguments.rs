@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use arthro_geometry::Point3;
 use arthro_registration::scale::ScaleRange;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 
 /// An arthroscopic robot system for meniscoplasty.
 ///
@@ -45,6 +45,8 @@ pub enum Command {
     /// Runs a benchmark on a folder of cases with known truth.
     #[command(subcommand)]
     Bench(Bench),
+    /// Makes a watertight surface of a label or threshold of a volume.
+    Reconstruct(Reconstruct),
     /// Plans a case's bites, or approves the plan.
     Plan(Plan),
     /// Starts the approved plan of a case and watches it to the end.
@@ -244,6 +246,50 @@ pub struct Register {
     pub stated: StatedSpace,
 }
 
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("what").required(true).args(["label", "threshold", "list"])))]
+pub struct Reconstruct {
+    /// A label map or an image (NRRD).
+    pub volume: PathBuf,
+    /// The voxels with this label.
+    #[arg(long, allow_negative_numbers = true)]
+    pub label: Option<i64>,
+    /// The voxels with at least this value.
+    #[arg(long, allow_negative_numbers = true)]
+    pub threshold: Option<f64>,
+    /// Lists the labels with their voxels, volume and bounds.
+    #[arg(long)]
+    pub list: bool,
+    /// Where the surface goes (PLY, LPS, mm).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Where points spread evenly over the surface go, with normals (PLY, LPS, mm).
+    #[arg(long, value_name = "FILE")]
+    pub cloud: Option<PathBuf>,
+    /// How many points the cloud has.
+    #[arg(long, default_value_t = 20_000, requires = "cloud", value_parser = cloud_points)]
+    pub points: usize,
+    /// Passes of smoothing; 40 for a label and 0 for a threshold if not given.
+    #[arg(long, value_name = "PASSES")]
+    pub smooth: Option<u32>,
+    /// Simplifies the surface to this many triangles.
+    #[arg(long, conflicts_with = "max_error_mm")]
+    pub triangles: Option<usize>,
+    /// Simplifies the surface as far as it moves by no more than this, mm; a tenth of the shortest voxel edge if not
+    /// given, 0 for not at all.
+    #[arg(long)]
+    pub max_error_mm: Option<f64>,
+    /// Drops pieces and fills cavities smaller than this share of the largest piece: 0 none, 1 all but the largest;
+    /// 0.01 if not given.
+    #[arg(long)]
+    pub min_piece_share: Option<f64>,
+    /// The voxels of a detached header.
+    #[arg(long, value_name = "FILE")]
+    pub data: Option<PathBuf>,
+    #[command(flatten)]
+    pub stated: StatedSpace,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
     /// Every pose and scale is tried, the physics of the view judges.
@@ -351,6 +397,14 @@ pub enum RecoveryName {
     RepeatBite,
     /// Hold the interrupted bite as done and go on.
     MarkDone,
+}
+
+fn cloud_points(text: &str) -> Result<usize, String> {
+    let limit = arthro_registration::input::MAX_POINTS;
+    match text.parse() {
+        Ok(count) if (1..=limit).contains(&count) => Ok(count),
+        _ => Err(format!("must be 1 to {limit}")),
+    }
 }
 
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {

@@ -19,7 +19,7 @@ use crate::cell::targets::Targets;
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::{bench, cell, demo, register, scene};
+use crate::{bench, cell, demo, reconstruct, register, scene};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -32,6 +32,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
+        Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
         Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
         Command::Run(run) => {
             let mut gateway = connect().await?;
@@ -268,7 +269,7 @@ fn point(point: &Point3) -> Point {
     }
 }
 
-/// What the caller states of a file.
+/// What the command line says of a file.
 pub fn stated(given: StatedSpace) -> Option<Stated> {
     Some(Stated {
         space: match given.space? {

@@ -12,6 +12,7 @@ mod demo;
 mod exit;
 mod gateway;
 mod output;
+mod reconstruct;
 mod register;
 mod report;
 mod scene;

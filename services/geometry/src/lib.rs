@@ -10,11 +10,13 @@
 pub mod cloud;
 pub mod frame;
 pub mod mesh;
+pub mod nrrd;
 pub mod obj;
 pub mod pcd;
 pub mod phantom;
 pub mod ply;
 pub mod sampled;
+pub mod scan;
 pub mod stated;
 pub mod stl;
 pub mod surface;
@@ -25,6 +27,7 @@ pub mod volume;
 pub use cloud::Cloud;
 pub use mesh::Mesh;
 pub use nalgebra;
+pub use scan::Scan;
 pub use transform::{Rigid, Similarity};
 
 /// A point in millimetres.

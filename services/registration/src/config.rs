@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Computations at the same time; further calls are refused with TOO_MANY_COMPUTATIONS. Bounds memory: one
-    /// holds up to 100 MB of points.
+    /// holds up to 100 MB of points, or 256 MiB of voxels and 500 MB of the surface being made of them.
     pub max_computations: usize,
 }
 

@@ -79,17 +79,17 @@ pub const MAX_DEPTHS: u64 = 32_000_000;
 ///
 /// # Errors
 /// [`Error::Invalid`] with every violation of options, frames and mask, or if a plane is asked for that is not there;
-/// [`Error::Cancelled`] if `cancel` is raised meanwhile.
+/// [`Error::Cancelled`] if `budget` is raised meanwhile.
 pub fn from_view(
     capture: &Capture<'_>,
     options: &Options,
-    cancel: &Budget,
+    budget: &Budget,
 ) -> Result<DepthCloud<Camera>, Error> {
     check([("mask".to_owned(), capture)], options)?;
     let mut report = Report::default();
     let points = look(capture, options, 0, &mut report)?;
-    cancel.check()?;
-    finish(points, vec![Point3::origin()], report, options, cancel)
+    budget.check()?;
+    finish(points, vec![Point3::origin()], report, options, budget)
 }
 
 /// The cloud of several viewpoints in the frame that their poses lead to, one point for all that lie in one cell on one
@@ -100,7 +100,7 @@ pub fn from_view(
 pub fn from_views<F: CellFrame>(
     views: &[View<'_, F>],
     options: &Options,
-    cancel: &Budget,
+    budget: &Budget,
 ) -> Result<DepthCloud<F>, Error> {
     let captures = views
         .iter()
@@ -110,15 +110,15 @@ pub fn from_views<F: CellFrame>(
     let mut report = Report::default();
     let mut points = Vec::new();
     for (index, view) in views.iter().enumerate() {
-        cancel.check()?;
+        budget.check()?;
         let seen = look(&view.capture, options, index as u32, &mut report)?;
         points.extend(views::moved(&view.f_from_camera, &seen));
     }
-    cancel.check()?;
+    budget.check()?;
     let merged = views::merged(&points, options.voxel_mm);
     drop(points);
     let viewpoints = views.iter().map(|view| view.f_from_camera.origin());
-    finish(merged, viewpoints.collect(), report, options, cancel)
+    finish(merged, viewpoints.collect(), report, options, budget)
 }
 
 /// The points of one viewpoint in its camera's frame.
@@ -153,16 +153,16 @@ fn finish<F: CellFrame>(
     viewpoints: Vec<Point3>,
     mut report: Report,
     options: &Options,
-    cancel: &Budget,
+    budget: &Budget,
 ) -> Result<DepthCloud<F>, Error> {
     if let Some(filter) = &options.outliers {
         let positions: Vec<Point3> = points.iter().map(|point| point.position).collect();
-        let strays = filter.strays(&positions, cancel)?;
+        let strays = filter.strays(&positions, budget)?;
         report.strays = take(&mut points, &strays.indices);
     }
     if let Some(removal) = &options.plane {
         for number in 0..removal.planes {
-            cancel.check()?;
+            budget.check()?;
             match removal.largest(&points, &viewpoints) {
                 Ok((plane, indices)) => {
                     take(&mut points, &indices);

@@ -19,6 +19,7 @@ pub mod neighbours;
 pub mod paper;
 pub mod pipeline;
 pub mod problem;
+pub mod reconstruct;
 pub mod robust;
 pub mod sampling;
 pub mod scale;

@@ -22,6 +22,7 @@ use crate::pipeline::{Event, register};
 mod answer;
 mod depth;
 mod receive;
+mod surface;
 
 /// All that is served.
 pub(crate) fn routes(config: &Config) -> Routes {
@@ -93,6 +94,15 @@ impl RegistrationService for Registrar {
         Ok(Response::new(Box::pin(tokio_stream::iter(
             messages.map(Ok),
         ))))
+    }
+
+    type ReconstructSurfaceStream = Events<api::ReconstructSurfaceResponse>;
+
+    async fn reconstruct_surface(
+        &self,
+        request: Request<Streaming<api::ReconstructSurfaceRequest>>,
+    ) -> Result<Response<Self::ReconstructSurfaceStream>, Status> {
+        surface::reconstruct(self.permit()?, request.into_inner()).await
     }
 }
 

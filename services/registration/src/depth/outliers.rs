@@ -60,18 +60,18 @@ impl OutlierFilter {
     /// The strays among `points`, all finite; the same on any number of threads.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] if `cancel` is raised meanwhile.
-    pub fn strays(&self, points: &[Point3], cancel: &Budget) -> Result<Strays, Error> {
+    /// [`Error::Cancelled`] if `budget` is raised meanwhile.
+    pub fn strays(&self, points: &[Point3], budget: &Budget) -> Result<Strays, Error> {
         let tree = Neighbours::new(points);
         match *self {
             Self::Statistical {
                 neighbours,
                 deviations,
-            } => statistical(&tree, points, neighbours as usize, deviations, cancel),
+            } => statistical(&tree, points, neighbours as usize, deviations, budget),
             Self::Radius {
                 radius_mm,
                 neighbours,
-            } => radius(&tree, points, neighbours as usize, radius_mm, cancel),
+            } => radius(&tree, points, neighbours as usize, radius_mm, budget),
         }
     }
 
@@ -117,13 +117,13 @@ fn statistical(
     points: &[Point3],
     count: usize,
     deviations: f64,
-    cancel: &Budget,
+    budget: &Budget,
 ) -> Result<Strays, Error> {
     let distances_mm: Vec<f64> = points
         .par_iter()
         .enumerate()
         .map(|(index, point)| {
-            cancel.check()?;
+            budget.check()?;
             let others = others(tree, index, point, count);
             // Infinite for a point alone.
             let sum_mm: f64 = others.iter().map(|other| other.distance2.sqrt()).sum();
@@ -155,13 +155,13 @@ fn radius(
     points: &[Point3],
     count: usize,
     radius_mm: f64,
-    cancel: &Budget,
+    budget: &Budget,
 ) -> Result<Strays, Error> {
     let is_stray: Vec<bool> = points
         .par_iter()
         .enumerate()
         .map(|(index, point)| {
-            cancel.check()?;
+            budget.check()?;
             let others = others(tree, index, point, count);
             let within = |other: &Neighbour| other.distance2 <= radius_mm * radius_mm;
             Ok(others.len() < count || !others.iter().all(within))
@@ -259,11 +259,11 @@ mod tests {
 
     #[test]
     fn a_filter_stops_when_asked_to() {
-        let cancel = Budget::default();
-        cancel.cancel();
+        let budget = Budget::default();
+        budget.cancel();
         let (points, _) = sheet_and_strays();
         assert!(matches!(
-            STATISTICAL.strays(&points, &cancel),
+            STATISTICAL.strays(&points, &budget),
             Err(Error::Cancelled)
         ));
     }

@@ -26,12 +26,12 @@ pub(super) async fn deproject(
 ) -> Result<impl Iterator<Item = api::DeprojectDepthResponse> + Send, Status> {
     let images = Images::receive(messages).await?;
     let with_details = images.announced.with_details;
-    let cancel = Budget::default();
+    let budget = Budget::default();
     // Dropped with the call's future: when the client goes or its deadline passes.
-    let raised = RaisedOnDrop(cancel.clone());
+    let raised = RaisedOnDrop(budget.clone());
     let answer = tokio::task::spawn_blocking(move || {
         let _permit = permit;
-        images.deproject(&cancel)
+        images.deproject(&budget)
     })
     .await
     .map_err(|error| Status::internal(format!("the deprojection failed: {error}")))??;
@@ -94,10 +94,10 @@ impl Images {
         })
     }
 
-    fn deproject(&self, cancel: &Budget) -> Result<Answer, Error> {
+    fn deproject(&self, budget: &Budget) -> Result<Answer, Error> {
         let options = &self.announced.options;
         let Some(poses) = &self.announced.base_from_camera else {
-            return from_view(&self.capture(0), options, cancel).map(Answer::in_camera);
+            return from_view(&self.capture(0), options, budget).map(Answer::in_camera);
         };
         let views: Vec<View<'_, Base>> = poses
             .iter()
@@ -109,7 +109,7 @@ impl Images {
                 },
             )
             .collect();
-        from_views(&views, options, cancel).map(Answer::in_base)
+        from_views(&views, options, budget).map(Answer::in_base)
     }
 
     /// What one viewpoint took.

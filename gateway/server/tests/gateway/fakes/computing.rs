@@ -101,6 +101,14 @@ impl RegistrationService for Fake {
             message(Payload::Points(points.into())),
         ])))
     }
+
+    type ReconstructSurfaceStream = Answers<registration::ReconstructSurfaceResponse>;
+    async fn reconstruct_surface(
+        &self,
+        _: Request<Streaming<registration::ReconstructSurfaceRequest>>,
+    ) -> Result<Response<Self::ReconstructSurfaceStream>, Status> {
+        Err(Status::unimplemented("the gateway reconstructs no surface"))
+    }
 }
 
 /// Bites whose approach points from the portal and whose opening is as upright as it goes, ct.
