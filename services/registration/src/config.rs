@@ -14,7 +14,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            max_computations: 4,
+            max_computations: 8,
         }
     }
 }

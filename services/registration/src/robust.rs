@@ -7,7 +7,7 @@ use crate::budget::Budget;
 use crate::error::Error;
 use crate::evidence::{self, RIVAL, is_convincing};
 use crate::pipeline::Event;
-use crate::problem::{Candidate, Likeness, Problem};
+use crate::problem::{Candidate, Likeness, Pose, Problem};
 use crate::robust::kernel::Kernel;
 use crate::robust::search::Effort;
 use crate::scale::ScaleRange;
@@ -109,6 +109,22 @@ pub fn best_quickly(problem: &Problem, budget: &Budget) -> Result<Option<Candida
     Ok(self::round(problem, &round, &mut |_| {}, budget)?
         .into_iter()
         .next())
+}
+
+/// The fine stage alone, from a pose that is known roughly.
+pub fn refined_from(problem: &Problem, start: Pose, budget: &Budget) -> Result<Candidate, Error> {
+    let mut candidates = vec![Candidate {
+        coarse: start,
+        pose: start,
+        score: f64::INFINITY,
+    }];
+    for (stage, seen) in [&problem.view.medium, &problem.view.dense]
+        .into_iter()
+        .enumerate()
+    {
+        candidates = refine_all(problem, candidates, seen, stage, &mut |_| {}, budget)?;
+    }
+    candidates.into_iter().next().ok_or(Error::NothingFound)
 }
 
 fn round(

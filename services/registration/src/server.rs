@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Instant;
 
+use arthro_bootstrap::calls::Deadline;
 use arthro_bootstrap::status;
 use arthro_proto::registration::v1 as api;
 use arthro_proto::registration::v1::registration_service_server::{
@@ -17,6 +18,7 @@ use tonic::{Request, Response, Status, Streaming};
 
 use crate::budget::Budget;
 use crate::config::Config;
+use crate::input::MIN_DEADLINE_S;
 use crate::pipeline::{Event, register};
 
 mod answer;
@@ -49,12 +51,18 @@ impl RegistrationService for Registrar {
         request: Request<Streaming<api::RegisterRequest>>,
     ) -> Result<Response<Self::RegisterStream>, Status> {
         let permit = self.permit()?;
+        let deadline = request.extensions().get::<Deadline>().copied();
         let upload = receive::registration(request.into_inner()).await?;
         let began = Instant::now();
         // Unbounded, so that a client that reads slowly holds no thread; a registration has about a thousand events.
         let (events, received) = mpsc::unbounded_channel();
         let budget = Budget::default();
+        let timer = match deadline {
+            Some(Deadline(until)) => Some(hurry_before(until, &budget)?),
+            None => None,
+        };
         let stream = CancelOnDrop {
+            _timer: timer,
             received,
             budget: budget.clone(),
         };
@@ -122,6 +130,37 @@ impl Registrar {
     }
 }
 
+/// Share of the time left that the search may use; the rest finishes and judges what it found.
+const SEARCH_SHARE: f64 = 0.6;
+
+/// Ends the search in time for an answer before the caller's deadline.
+fn hurry_before(until: tokio::time::Instant, budget: &Budget) -> Result<Timer, Status> {
+    let left = until.saturating_duration_since(tokio::time::Instant::now());
+    if left.as_secs_f64() < MIN_DEADLINE_S {
+        return Err(status::invalid(
+            "deadline",
+            format!(
+                "leaves {:.4} s after the upload, must leave at least {MIN_DEADLINE_S} s",
+                left.as_secs_f64()
+            ),
+        ));
+    }
+    let budget = budget.clone();
+    Ok(Timer(tokio::spawn(async move {
+        tokio::time::sleep(left.mul_f64(SEARCH_SHARE)).await;
+        budget.hurry();
+    })))
+}
+
+/// A task that goes with its owner.
+struct Timer(tokio::task::JoinHandle<()>);
+
+impl Drop for Timer {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
 type Sender<T> = mpsc::UnboundedSender<Result<T, Status>>;
 
 /// Runs `work` on a blocking thread, its parallel parts on rayon; its failure, a panic too, ends the stream.
@@ -148,6 +187,7 @@ fn compute<T: Send + 'static>(
 struct CancelOnDrop<T> {
     received: mpsc::UnboundedReceiver<T>,
     budget: Budget,
+    _timer: Option<Timer>,
 }
 
 impl<T> Stream for CancelOnDrop<T> {

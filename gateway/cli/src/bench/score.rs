@@ -1,8 +1,8 @@
 //! Answers held to the truth, and the table of them.
 
-use arthro_geometry::Point3;
+use arthro_geometry::frame::{Camera, Ct};
+use arthro_geometry::{Point3, Similarity};
 use arthro_registration::gate::Verdict;
-use arthro_registration::pipeline::Registration;
 use serde_json::{Value, json};
 
 use super::cases::Case;
@@ -12,6 +12,15 @@ const ROTATION_DEG: f64 = 5.0;
 const CENTROID_MM: f64 = 2.0;
 const SCALE_PERCENT: f64 = 3.0;
 
+/// An answer and what the program says of it.
+#[derive(Debug)]
+pub struct Judged {
+    pub camera_from_ct: Similarity<Camera, Ct>,
+    pub tre_predicted_mm: f64,
+    /// `None` if it was not asked for one.
+    pub verdict: Option<Verdict>,
+}
+
 /// How far an answer is from the truth; lengths in mm of the source.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -20,7 +29,7 @@ pub struct Outcome {
     scale_percent: f64,
     tre_mm: f64,
     tre_predicted_mm: f64,
-    /// `None` if there was no answer at all.
+    /// `None` if there was no answer at all, or none was asked for.
     verdict: Option<Verdict>,
     seconds: f64,
 }
@@ -36,7 +45,7 @@ pub struct Row {
 
 impl Outcome {
     /// Holds `answer` to the truth of `case`.
-    pub fn of(case: &Case, answer: Option<Registration>, seconds: f64) -> Self {
+    pub fn of(case: &Case, answer: Option<Judged>, seconds: f64) -> Self {
         let Some(answer) = answer else {
             return Self {
                 rotation_deg: f64::INFINITY,
@@ -56,8 +65,8 @@ impl Outcome {
             centroid_mm: off(case.centroid),
             scale_percent: (found.scale / truth.scale - 1.0).abs() * 100.0,
             tre_mm: (squares / case.source.points.len() as f64).sqrt(),
-            tre_predicted_mm: answer.evidence.tre_predicted_mm,
-            verdict: Some(answer.verdict),
+            tre_predicted_mm: answer.tre_predicted_mm,
+            verdict: answer.verdict,
             seconds,
         }
     }
@@ -79,7 +88,7 @@ impl Outcome {
             self.tre_mm,
             self.tre_predicted_mm,
             self.seconds,
-            self.verdict.map_or("no answer", crate::register::word),
+            self.verdict.map_or("no verdict", crate::register::word),
         )
     }
 }

@@ -24,6 +24,7 @@ pub(super) async fn reconstruct(
     let stream = CancelOnDrop {
         received,
         budget: budget.clone(),
+        _timer: None,
     };
     compute(permit, events.clone(), move || {
         let surface = domain(&upload.scan, &upload.options, &budget)?;
