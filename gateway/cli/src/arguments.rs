@@ -302,6 +302,21 @@ pub enum MethodName {
 pub enum Bench {
     /// Registers every case of a folder with `cases.json` (clouds, true poses) and prints how many are solved.
     Registration(BenchRegistration),
+    /// Registers what the simulated camera sees of one knee after another, scored by the referee.
+    Cell(BenchCell),
+}
+
+#[derive(Debug, Args)]
+pub struct BenchCell {
+    /// How many knees.
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// Surface of a meniscus; the built-in phantom if not given.
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Prints a line for each knee.
+    #[arg(long)]
+    pub each: bool,
 }
 
 #[derive(Debug, Args)]

@@ -20,6 +20,7 @@ use crate::exit::Failure;
 use crate::output::Output;
 
 mod cases;
+pub mod cell;
 mod score;
 
 use cases::Case;

@@ -32,6 +32,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
+        Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
         Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
         Command::Run(run) => {

@@ -88,7 +88,7 @@ pub fn scenario(cell: &arguments::Cell, output: &Output) -> Result<Scenario, Fai
 }
 
 /// Any surface will do here; a clinical case refuses one that does not state its space and unit.
-fn read_model(path: &Path, output: &Output) -> Result<Mesh, Failure> {
+pub fn read_model(path: &Path, output: &Output) -> Result<Mesh, Failure> {
     let bytes = read(path)?;
     match ply::read_mesh(&bytes, None) {
         Err(ply::Error::Unstated(..)) => {

@@ -73,7 +73,7 @@ pub async fn capture(address: &str, seed: u64) -> Result<Scene, Failure> {
 }
 
 /// Fibrocartilage is ivory: bright, and redder than it is blue; hyaline cartilage and background are not.
-fn is_meniscus(pixel: &[u8]) -> u8 {
+pub fn is_meniscus(pixel: &[u8]) -> u8 {
     let (red, green, blue) = (
         i32::from(pixel[0]),
         i32::from(pixel[1]),

@@ -17,8 +17,10 @@ pub const MIN_EXTENT_MM: f64 = 0.5;
 pub const MAX_EXTENT_MM: f64 = 1000.0;
 /// Farthest a coordinate may be from its origin, mm.
 pub const MAX_COORDINATE_MM: f64 = 100_000.0;
-/// A cloud whose second widest direction spreads less than this, mm, lies on a line.
-pub const MIN_WIDTH_MM: f64 = 0.5;
+/// A cloud that spreads less than this share of its length across it lies on a line, which determines no pose.
+pub const MIN_WIDTH: f64 = 0.02;
+/// One that spreads less than this share of its length off its best plane lies on a plane, which determines none either.
+pub const MIN_THICKNESS: f64 = 1e-3;
 /// Scales accepted: between two sensors that may differ in unit by mistake of neither.
 pub const SCALES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 /// Widest range of scales, as the ratio of its ends; what is searched grows with its logarithm.
@@ -131,17 +133,21 @@ pub fn cloud_violation(field: &str, points: &[Point3]) -> Option<Violation> {
             ),
         ));
     }
-    let width_mm = second_spread_mm(points);
-    (width_mm < MIN_WIDTH_MM).then(|| {
-        Violation::new(
-            field,
-            format!("lies on a line: it spreads {width_mm:.4} mm across it, must spread at least {MIN_WIDTH_MM} mm"),
-        )
-    })
+    let [thickness_mm, width_mm, length_mm] = spreads_mm(points);
+    let flat = |what: &str, spread_mm: f64, least: f64| {
+        let least_mm = least * length_mm;
+        (spread_mm < least_mm).then(|| {
+            Violation::new(
+                field,
+                format!("lies on a {what}: it spreads {spread_mm:.6} mm across it, must spread at least {least_mm:.6} mm"),
+            )
+        })
+    };
+    flat("line", width_mm, MIN_WIDTH).or_else(|| flat("plane", thickness_mm, MIN_THICKNESS))
 }
 
-/// Standard deviation along the second widest direction, mm.
-fn second_spread_mm(points: &[Point3]) -> f64 {
+/// Standard deviations along the main directions, the least first, mm.
+fn spreads_mm(points: &[Point3]) -> [f64; 3] {
     let count = points.len() as f64;
     let mean = points.iter().map(|p| p.coords).sum::<Vector3>() / count;
     let covariance: Matrix3<f64> = points
@@ -151,7 +157,7 @@ fn second_spread_mm(points: &[Point3]) -> f64 {
         .sum();
     let mut spreads = SymmetricEigen::new(covariance / count).eigenvalues;
     spreads.as_mut_slice().sort_by(f64::total_cmp);
-    spreads[1].max(0.0).sqrt()
+    [spreads[0], spreads[1], spreads[2]].map(|variance| variance.max(0.0).sqrt())
 }
 
 #[cfg(test)]
@@ -160,7 +166,13 @@ mod tests {
 
     fn patch(scale: f64) -> Vec<Point3> {
         (0..400)
-            .map(|i| Point3::new(f64::from(i % 20), f64::from(i / 20), 0.0) * scale)
+            .map(|i| {
+                Point3::new(
+                    f64::from(i % 20),
+                    f64::from(i / 20),
+                    f64::from(i % 20).sin(),
+                ) * scale
+            })
             .collect()
     }
 
@@ -183,11 +195,16 @@ mod tests {
         assert!(said(&patch(1000.0)).contains("at most 1000 mm"));
         let mut points = patch(1.0);
         points[7].y = f64::NAN;
-        assert!(said(&points).contains("target[7] is (7, NaN, 0)"));
+        assert!(said(&points).contains("target[7] is (7, NaN, "));
         let line: Vec<Point3> = (0..200)
             .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
             .collect();
         assert!(said(&line).contains("lies on a line"));
+        let plane: Vec<Point3> = patch(1.0)
+            .iter()
+            .map(|p| Point3::new(p.x, p.y, 0.3 * p.x))
+            .collect();
+        assert!(said(&plane).contains("lies on a plane"));
     }
 
     #[test]

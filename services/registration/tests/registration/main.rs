@@ -14,3 +14,4 @@ mod public_cases;
 mod rendered_views;
 mod service;
 mod world;
+mod wrong_models;

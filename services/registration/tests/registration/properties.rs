@@ -86,6 +86,67 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_model_in_another_frame_and_size_gives_the_same_place(moved in pose(), size in 0.4..2.5f64) {
+        let moved = Similarity::<Ct, Ct>::new(size, moved.rotation, moved.translation_mm);
+        let (target, viewpoint) = view();
+        let options = Options { viewpoint: Some(viewpoint), ..Options::default() };
+        let from_here = solve(&target, &options);
+        let elsewhere = Cloud::new(crescent().points.iter().map(|p| moved * *p).collect());
+        let options = Options { scale: ScaleRange::known(1.0 / size), ..options };
+        let from_there = register(&elsewhere, &target, &options, &mut |_| {}, &Budget::default()).unwrap();
+        let error_mm = largest_error_mm(&(from_there.camera_from_ct * moved), &from_here.camera_from_ct);
+        prop_assert!(error_mm < 0.5, "{error_mm} mm");
+        prop_assert_eq!(from_there.verdict, from_here.verdict);
+    }
+
+    #[test]
+    fn the_order_of_the_points_does_not_matter(seed in any::<u64>()) {
+        let (target, viewpoint) = view();
+        let options = Options { viewpoint: Some(viewpoint), ..Options::default() };
+        let in_order = solve(&target, &options);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut shuffled = target;
+        for last in (1..shuffled.points.len()).rev() {
+            shuffled.points.swap(last, rng.random_range(0..=last));
+        }
+        let out_of_order = solve(&shuffled, &options);
+        let error_mm = largest_error_mm(&in_order.camera_from_ct, &out_of_order.camera_from_ct);
+        prop_assert!(error_mm < 0.1, "{error_mm} mm");
+    }
+}
+
+#[test]
+fn a_computation_in_a_hurry_answers_with_what_it_has() {
+    let (target, viewpoint) = view();
+    let options = Options {
+        viewpoint: Some(viewpoint),
+        scale: ScaleRange {
+            low: 0.3,
+            high: 3.5,
+        },
+        ..Options::default()
+    };
+    let budget = Budget::default();
+    budget.hurry();
+    let mut searched = 0;
+    let mut watch = |event: Event| searched += u32::from(matches!(event, Event::Searched { .. }));
+    let found = register(&crescent(), &target, &options, &mut watch, &budget).unwrap();
+    assert_eq!(searched, 1);
+    assert!(found.camera_from_ct.scale > 0.0);
+}
+
+#[test]
+fn a_view_without_its_viewpoint_is_found_too() {
+    let (target, _) = view();
+    let found = solve(&target, &Options::default());
+    let error_mm = largest_error_mm(&found.camera_from_ct, &Similarity::identity());
+    assert!(error_mm < 0.5, "{error_mm} mm, {:?}", found.reasons);
+}
+
 #[test]
 fn the_answer_is_the_same_on_any_number_of_threads() {
     let (target, viewpoint) = view();

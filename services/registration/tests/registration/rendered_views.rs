@@ -79,6 +79,7 @@ fn fresh_view(name: &str, mesh: &Mesh, superior: Vector3, seed: u64) -> Case {
     );
     Case {
         name: format!("{name} view {seed}"),
+        mesh: name.to_owned(),
         source: Cloud::new(mesh.vertices.clone()),
         target: Cloud::new(view.points.iter().map(|p| truth * *p).collect()),
         options: Options {

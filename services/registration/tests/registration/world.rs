@@ -16,8 +16,10 @@ use arthro_registration::pipeline::{Options, Registration, register};
 use serde_json::Value;
 
 /// One case made metric: the target and all that belongs to it divided by the true scale.
+#[derive(Clone)]
 pub struct Case {
     pub name: String,
+    pub mesh: String,
     pub source: Cloud,
     pub target: Cloud,
     pub options: Options,
@@ -88,6 +90,7 @@ pub fn cases(level: &str) -> Vec<Case> {
             }
             Case {
                 name: case["id"].as_str().unwrap().to_owned(),
+                mesh: case["mesh"].as_str().unwrap().to_owned(),
                 source: read(&case["source"]),
                 target,
                 options: Options {
