@@ -222,7 +222,7 @@ pub struct Register {
     /// The view: what a camera saw of it.
     pub target: PathBuf,
     /// The scale of target over source: one that is known (within 2 %), a range LOW..HIGH, or `free` (0.3..3.5).
-    #[arg(long, value_parser = scale, default_value = "1.0")]
+    #[arg(long, value_parser = scale, default_value = "1.0", allow_hyphen_values = true)]
     pub scale: ScaleRange,
     /// Where the camera stood, in the target's coordinates: x,y,z. 0,0,0 for a cloud in the camera's frame.
     #[arg(long, value_parser = point, allow_hyphen_values = true)]

@@ -99,8 +99,7 @@ impl From<Status> for Failure {
         };
         Self {
             kind,
-            reason: status::reason(&status)
-                .unwrap_or_else(|| format!("{:?}", status.code()).to_uppercase()),
+            reason: status::reason(&status).unwrap_or_else(|| word(status.code())),
             message: match status.message() {
                 "" => chain(&status),
                 message => message.to_owned(),
@@ -108,6 +107,18 @@ impl From<Status> for Failure {
             violations: status::violations(&status),
         }
     }
+}
+
+/// The code as the protocol spells it: INVALID_ARGUMENT for `InvalidArgument`.
+fn word(code: Code) -> String {
+    let mut word = String::new();
+    for letter in format!("{code:?}").chars() {
+        if letter.is_uppercase() && !word.is_empty() {
+            word.push('_');
+        }
+        word.push(letter.to_ascii_uppercase());
+    }
+    word
 }
 
 impl From<tonic::transport::Error> for Failure {

@@ -89,8 +89,8 @@ pub fn judge(evidence: &Evidence) -> (Verdict, Vec<String>) {
         let value = (rule.figure)(evidence);
         // A figure that is no number supports nothing.
         let misses = |limit: f64| match rule.side {
-            Side::Below => !(value <= limit),
-            Side::Above => !(value >= limit),
+            Side::Below => value.is_nan() || value > limit,
+            Side::Above => value.is_nan() || value < limit,
         };
         let (found, limit) = if misses(rule.reject) {
             (Verdict::Reject, rule.reject)

@@ -14,6 +14,7 @@ pub mod gate;
 pub mod input;
 pub mod lattice;
 pub mod model;
+pub mod moments;
 pub mod mse;
 pub mod neighbours;
 pub mod paper;

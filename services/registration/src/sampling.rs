@@ -1,10 +1,10 @@
 //! Evenly spread samples of a cloud: one averaged point a voxel, and normals fitted to neighbourhoods.
 
-use arthro_geometry::nalgebra::{Matrix3, SymmetricEigen};
 use arthro_geometry::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cells::Cells;
+use crate::moments::Moments;
 use crate::neighbours::Neighbours;
 
 /// Averages the points that share a voxel of `edge_mm`. The order of the answer depends on positions alone.
@@ -57,8 +57,11 @@ fn scattered(index: usize) -> usize {
     (bits ^ (bits >> 31)) as usize
 }
 
+/// Fewer points than this, the place itself among them, give no normal.
+const LEAST_NEIGHBOURS: f64 = 4.0;
+
 /// Unit normals of the planes that best fit the neighbours within `radius_mm` of each point; signs are arbitrary.
-/// Where there are fewer than three, the normal is that of the points within twice the radius, and so on.
+/// Where they are too few, the normal is that of the points within twice the radius, and so on.
 pub fn fitted_normals(points: &[Point3], cells: &Cells, radius_mm: f64) -> Vec<Vector3> {
     points
         .par_iter()
@@ -66,19 +69,12 @@ pub fn fitted_normals(points: &[Point3], cells: &Cells, radius_mm: f64) -> Vec<V
         .map(|point| {
             let mut reach_mm = radius_mm;
             loop {
-                let (mut count, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
-                cells.within(point, reach_mm, |other, _| {
-                    let offset = points[other] - point;
-                    count += 1.0;
-                    sum += offset;
-                    squares.ger(1.0, &offset, &offset, 1.0);
-                });
-                if count >= 4.0 || count >= points.len() as f64 {
-                    let covariance = squares - sum * sum.transpose() / count;
-                    let eigen = SymmetricEigen::new(covariance);
-                    break eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+                match Moments::around(point, points, cells, reach_mm) {
+                    Some(moments) if moments.count >= LEAST_NEIGHBOURS.min(points.len() as f64) => {
+                        break moments.plane().normal;
+                    }
+                    _ => reach_mm *= 2.0,
                 }
-                reach_mm *= 2.0;
             }
         })
         .collect()

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::cells::Cells;
 use crate::model::root_mean_square;
+use crate::moments::Moments;
 use crate::sampling;
 
 /// Points of the three densities: many hypotheses, the best of them, the finalists.
@@ -16,6 +17,8 @@ const DENSE: usize = 3000;
 const STRAY_SHARE: f64 = 0.3;
 /// How far neighbours are counted, spacings.
 const STRAY_REACH: f64 = 3.0;
+/// Fewer points than this tell no noise.
+const LEAST_NEIGHBOURS: f64 = 8.0;
 /// Radius over which noise is told from shape, spacings.
 const NOISE_REACH: f64 = 3.0;
 
@@ -140,24 +143,10 @@ fn noise_mm(points: &[Point3], spacing_mm: f64) -> f64 {
         .iter()
         .step_by(points.len() / 200 + 1)
         .filter_map(|point| {
-            let (mut count, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
-            cells.within(point, reach_mm, |other, _| {
-                let offset = points[other] - point;
-                count += 1.0;
-                sum += offset;
-                squares.ger(1.0, &offset, &offset, 1.0);
-            });
-            if count < 8.0 {
-                return None;
-            }
-            let covariance = (squares - sum * sum.transpose() / count) / (count - 3.0);
-            Some(
-                SymmetricEigen::new(covariance)
-                    .eigenvalues
-                    .min()
-                    .max(0.0)
-                    .sqrt(),
-            )
+            let moments = Moments::around(point, points, &cells, reach_mm)?;
+            // A plane takes three of the points for itself.
+            let freedom = (moments.count / (moments.count - 3.0)).sqrt();
+            (moments.count >= LEAST_NEIGHBOURS).then(|| moments.plane().deviation_mm * freedom)
         })
         .collect();
     sampling::median(&mut deviations)

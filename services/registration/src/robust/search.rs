@@ -4,13 +4,14 @@
 //! No feature is matched, since a meniscus has none. A hypothesis costs half a microsecond, so all of them are tried.
 
 use arthro_geometry::{Point3, Rotation, Similarity, Vector3};
-use nalgebra::{Matrix3, SymmetricEigen, Unit};
+use nalgebra::Unit;
 use rayon::prelude::*;
 
 use super::kernel::{Kernel, Laid};
 use crate::budget::Budget;
 use crate::cells::Cells;
 use crate::error::Error;
+use crate::moments::Moments;
 use crate::neighbours::Neighbours;
 use crate::problem::{Candidate, Pose, Problem};
 use crate::sampling;
@@ -180,27 +181,18 @@ fn patches(problem: &Problem, scale: f64, count: usize) -> Vec<Patch> {
 /// The plane through the view around `at`, and how little it deserves to be one: at the border a patch is lopsided,
 /// over an edge it is thick.
 fn patch_at(problem: &Problem, cells: &Cells, at: &Point3, radius_mm: f64) -> Option<(f64, Patch)> {
-    let points = &problem.view.medium.points;
-    let (mut count, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    cells.within(at, radius_mm, |other, _| {
-        let offset = points[other] - at;
-        count += 1.0;
-        sum += offset;
-        squares.ger(1.0, &offset, &offset, 1.0);
-    });
-    if count < LEAST_PATCH_POINTS {
+    let moments = Moments::around(at, &problem.view.medium.points, cells, radius_mm)?;
+    if moments.count < LEAST_PATCH_POINTS {
         return None;
     }
-    let mean = sum / count;
-    let eigen = SymmetricEigen::new(squares / count - mean * mean.transpose());
-    let least = eigen.eigenvalues.imin();
-    let mut normal: Vector3 = eigen.eigenvectors.column(least).into();
+    let (plane, mean) = (moments.plane(), moments.mean);
+    let mut normal = plane.normal;
     if let Some(eye) = problem.view.viewpoint
         && normal.dot(&(eye - at)) < 0.0
     {
         normal = -normal;
     }
-    let flaw = (mean.norm_squared() + 4.0 * eigen.eigenvalues[least].max(0.0)).sqrt() / radius_mm;
+    let flaw = mean.norm().hypot(2.0 * plane.deviation_mm) / radius_mm;
     Some((flaw, (at + mean, normal)))
 }
 
