@@ -2,6 +2,7 @@
 //! on partial views, and an honest verdict. [`pipeline::register`] is the whole of it without any server;
 //! [`depth::deproject`] makes the view from a depth image.
 
+pub mod calibration;
 pub mod cancel;
 pub mod config;
 pub mod depth;

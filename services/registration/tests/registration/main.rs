@@ -5,6 +5,7 @@
     reason = "a helper that fails fails its test"
 )]
 
+mod calibration;
 mod properties;
 mod public_cases;
 mod rendered_views;
