@@ -57,6 +57,24 @@ pub enum Command {
     Abort(ProcedureId),
     /// Decides what happens to an interrupted procedure.
     Recover(Recover),
+    /// Finds where camera, tool and shaft are mounted.
+    #[command(subcommand)]
+    Calibrate(Calibrate),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Calibrate {
+    /// The camera, from views of a board; the file is described in docs/calibration.md.
+    HandEye(CalibrationFile),
+    /// The tool's tip, and its shaft, from poses that turn about them; likewise.
+    ToolTip(CalibrationFile),
+}
+
+#[derive(Debug, Args)]
+pub struct CalibrationFile {
+    /// The measurements (JSON).
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
 }
 
 #[derive(Debug, Args)]

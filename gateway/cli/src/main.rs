@@ -5,6 +5,7 @@
 //! the last line on standard output is then one JSON object. Exit codes are in [`exit`].
 
 mod arguments;
+mod calibrate;
 mod cell;
 mod commands;
 mod demo;

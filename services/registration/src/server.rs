@@ -22,6 +22,7 @@ use crate::depth;
 use crate::pipeline::{Event, register};
 
 mod answer;
+mod calibration;
 mod receive;
 
 /// All that is served.
@@ -112,6 +113,20 @@ impl RegistrationService for Registrar {
         Ok(Response::new(Box::pin(tokio_stream::iter(
             messages.map(Ok),
         ))))
+    }
+
+    async fn solve_hand_eye(
+        &self,
+        request: Request<api::SolveHandEyeRequest>,
+    ) -> Result<Response<api::SolveHandEyeResponse>, Status> {
+        calibration::hand_eye(self.permit()?, request.into_inner()).await
+    }
+
+    async fn solve_tool_tip(
+        &self,
+        request: Request<api::SolveToolTipRequest>,
+    ) -> Result<Response<api::SolveToolTipResponse>, Status> {
+        calibration::tool_tip(self.permit()?, request.into_inner()).await
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a calibration needs of its input, checked before any work: every violation is named, with value and limit.
 
-use arthro_geometry::nalgebra::{Isometry3, Matrix6};
+use arthro_geometry::frame::Frame;
+use arthro_geometry::nalgebra::{Isometry3, Matrix6, Quaternion};
+use arthro_geometry::{Rigid, Rotation};
 
 use super::gate::MAX_POSES;
 use super::noise::{PoseCovariance, PoseNoise};
@@ -13,6 +15,34 @@ const ROTATION_NOISE_RAD: std::ops::RangeInclusive<f64> = 1e-9..=0.5;
 const TRANSLATION_NOISE_MM: std::ops::RangeInclusive<f64> = 1e-6..=100.0;
 /// Limits that may be asked for.
 const LIMITS: std::ops::RangeInclusive<f64> = 1e-6..=1000.0;
+
+/// A quaternion may be off unit length by this much.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// A pose from the numbers of a file or message: unit quaternion w, x, y, z and translation in mm.
+///
+/// # Errors
+/// When the quaternion is not of unit length; `field` names the pose.
+pub fn pose<A: Frame, B: Frame>(
+    field: &str,
+    rotation_wxyz: [f64; 4],
+    translation_mm: [f64; 3],
+) -> Result<Rigid<A, B>, Violation> {
+    let [w, x, y, z] = rotation_wxyz;
+    let quaternion = Quaternion::new(w, x, y, z);
+    let norm = quaternion.norm();
+    // A NaN is in no range.
+    if !(..=UNIT_TOLERANCE).contains(&(norm - 1.0).abs()) {
+        return Err(Violation::new(
+            format!("{field}.rotation"),
+            format!("has norm {norm}, must be 1 within {UNIT_TOLERANCE}"),
+        ));
+    }
+    Ok(Rigid::new(
+        Rotation::from_quaternion(quaternion),
+        translation_mm.into(),
+    ))
+}
 
 /// The violations found so far.
 #[derive(Debug, Default)]

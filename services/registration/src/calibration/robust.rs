@@ -4,11 +4,14 @@
 //! least squares over the poses that agree with it. The weights come from stated noise, or the noise is estimated
 //! from the residuals. A pose is rejected when its residual is one that noise gives once in a thousand poses.
 
+mod scale;
+
 use arthro_geometry::nalgebra::{SMatrix, SVector};
+use rand::SeedableRng;
 use rand::seq::index::sample;
-use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use self::scale::{Noise, chi_square, median, squares};
 use super::least_squares::{Normal, minimise};
 
 /// Subsets tried for a start: one of five poses without a wrong one among them is drawn almost surely when 40 % are wrong.
@@ -16,8 +19,6 @@ const SUBSETS: usize = 120;
 /// Fixed, so that the same poses give the same answer.
 const SEED: u64 = 1;
 const ROUNDS: usize = 20;
-/// Estimated noise is not taken for smaller than this share of the residuals' own unit (rad, mm): rounding.
-const NOISE_FLOOR: f64 = 1e-12;
 
 /// Poses of which each says `D` numbers about `N` unknowns. The numbers come in groups of one unit each, as rotation
 /// and translation.
@@ -163,7 +164,7 @@ fn start<const N: usize, const D: usize, P: Problem<N, D>>(problem: &P) -> Optio
     let subset = P::SUBSET.min(count);
     let mut candidates = problem.starts(&all);
     for _ in 0..SUBSETS {
-        candidates.extend(problem.starts(&drawn(&mut rng, count, subset)));
+        candidates.extend(problem.starts(&sample(&mut rng, count, subset).into_vec()));
     }
     let scored = candidates.into_iter().map(|state| {
         let squares = (0..count).map(|index| square_mm2(problem, index, &state));
@@ -175,10 +176,6 @@ fn start<const N: usize, const D: usize, P: Problem<N, D>>(problem: &P) -> Optio
         .map(|(_, state)| state)
 }
 
-fn drawn(rng: &mut impl Rng, count: usize, subset: usize) -> Vec<usize> {
-    sample(rng, count, subset).into_vec()
-}
-
 fn square_mm2<const N: usize, const D: usize, P: Problem<N, D>>(
     problem: &P,
     index: usize,
@@ -188,95 +185,6 @@ fn square_mm2<const N: usize, const D: usize, P: Problem<N, D>>(
     (0..D)
         .map(|row| (residual[row] * problem.lever_mm(row / P::GROUP)).powi(2))
         .sum()
-}
-
-/// The noise that residuals are weighed by.
-struct Noise {
-    /// Variance of each group; empty when the noise is stated.
-    variances: Vec<f64>,
-    /// How much larger the bulk of the residuals is than the noise says; at least 1.
-    ratio: f64,
-}
-
-impl Noise {
-    /// From the median, which wrong poses do not move; with the factor that Rousseeuw and Leroy give for few poses.
-    fn of_the_bulk<const N: usize, const D: usize, P: Problem<N, D>>(
-        problem: &P,
-        state: &P::State,
-    ) -> Self {
-        let count = problem.len();
-        let few = 1.0 + 5.0 / count.saturating_sub(N.div_ceil(D)).max(1) as f64;
-        if let Some(weights) = stated_weights(problem, state) {
-            let square = median(squares(problem, state, &weights)) / chi_square(D).median;
-            // What few poses show by chance does not make the stated noise wrong.
-            let ratio = if square > few * few {
-                square.sqrt()
-            } else {
-                1.0
-            };
-            return Self {
-                variances: Vec::new(),
-                ratio,
-            };
-        }
-        let variance = |group: usize| {
-            let squares =
-                (0..count).map(|index| group_square::<N, D, P>(problem, index, state, group));
-            few * few * median(squares.collect()) / chi_square(P::GROUP).median
-        };
-        Self {
-            variances: (0..D / P::GROUP).map(variance).collect(),
-            ratio: 1.0,
-        }
-    }
-
-    /// From the mean over the poses kept, less what the unknowns took up.
-    fn of_kept<const N: usize, const D: usize, P: Problem<N, D>>(
-        problem: &P,
-        state: &P::State,
-        kept: &[bool],
-    ) -> Self {
-        let groups = D / P::GROUP;
-        let freedom = (P::GROUP * count(kept)).saturating_sub(N / groups).max(1) as f64;
-        let variance = |group: usize| {
-            (0..problem.len())
-                .filter(|index| kept[*index])
-                .map(|index| group_square::<N, D, P>(problem, index, state, group))
-                .sum::<f64>()
-                / freedom
-        };
-        Self {
-            variances: (0..groups).map(variance).collect(),
-            ratio: 1.0,
-        }
-    }
-
-    /// The inverse covariance of every residual; the stated one where there is one.
-    fn weights<const N: usize, const D: usize, P: Problem<N, D>>(
-        &self,
-        problem: &P,
-        state: &P::State,
-    ) -> Option<Vec<SMatrix<f64, D, D>>> {
-        stated_weights(problem, state).or_else(|| {
-            let diagonal = SVector::<f64, D>::from_fn(|row, _| {
-                let variance = self.variances.get(row / P::GROUP).copied().unwrap_or(1.0);
-                variance.max(NOISE_FLOOR * NOISE_FLOOR).recip()
-            });
-            Some(vec![SMatrix::from_diagonal(&diagonal); problem.len()])
-        })
-    }
-}
-
-fn stated_weights<const N: usize, const D: usize, P: Problem<N, D>>(
-    problem: &P,
-    state: &P::State,
-) -> Option<Vec<SMatrix<f64, D, D>>> {
-    (0..problem.len())
-        .map(|index| {
-            let covariance = problem.covariance(index, state)?;
-            covariance.cholesky().map(|factor| factor.inverse())
-        })
-        .collect()
 }
 
 fn minimise_over<const N: usize, const D: usize, P: Problem<N, D>>(
@@ -299,56 +207,6 @@ fn minimise_over<const N: usize, const D: usize, P: Problem<N, D>>(
     )
 }
 
-fn squares<const N: usize, const D: usize, P: Problem<N, D>>(
-    problem: &P,
-    state: &P::State,
-    weights: &[SMatrix<f64, D, D>],
-) -> Vec<f64> {
-    weights
-        .iter()
-        .enumerate()
-        .map(|(index, weight)| {
-            let residual = problem.residual(index, state);
-            residual.dot(&(weight * residual))
-        })
-        .collect()
-}
-
-fn group_square<const N: usize, const D: usize, P: Problem<N, D>>(
-    problem: &P,
-    index: usize,
-    state: &P::State,
-    group: usize,
-) -> f64 {
-    let residual = problem.residual(index, state);
-    let rows = group * P::GROUP..(group + 1) * P::GROUP;
-    rows.map(|row| residual[row].powi(2)).sum()
-}
-
 fn count(kept: &[bool]) -> usize {
     kept.iter().filter(|kept| **kept).count()
-}
-
-/// The upper of two middle values: of few poses the lower one says too little noise.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// Quantiles of the sum of `freedom` squared normal deviates.
-struct ChiSquare {
-    median: f64,
-    /// Exceeded once in a thousand.
-    rare: f64,
-}
-
-/// From the tables, for the numbers of degrees that occur.
-fn chi_square(freedom: usize) -> ChiSquare {
-    let (median, rare) = match freedom {
-        2 => (1.386, 13.816),
-        3 => (2.366, 16.266),
-        4 => (3.357, 18.467),
-        _ => (5.348, 22.458),
-    };
-    ChiSquare { median, rare }
 }

@@ -3,6 +3,7 @@
 mod board;
 mod hand_eye;
 mod monte_carlo;
+mod service;
 mod shaft_axis;
 mod tool_tip;
 mod world;

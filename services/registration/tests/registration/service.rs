@@ -15,7 +15,7 @@ use tonic::{Code, Status};
 use crate::world::{crescent, seen};
 
 /// A server on a free port, ended with its runtime.
-async fn client() -> RegistrationServiceClient<Channel> {
+pub async fn client() -> RegistrationServiceClient<Channel> {
     client_of(Config::default()).await
 }
 

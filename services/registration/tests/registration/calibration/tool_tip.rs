@@ -26,6 +26,15 @@ impl Pivot {
         }
     }
 
+    /// About any point of the flange.
+    pub fn through(tip: Point3) -> Self {
+        Self {
+            tip,
+            divot: Point3::new(500.0, 100.0, 200.0),
+            turn: Rotation::identity(),
+        }
+    }
+
     /// The flange when the tool leans up to `lean_deg` and is turned about its shaft.
     pub fn pose(&self, dice: &mut Dice, lean_deg: f64) -> Rigid<Base, Flange> {
         let aside = dice.within(0.0, std::f64::consts::TAU);
