@@ -68,6 +68,20 @@ pub enum Calibrate {
     HandEye(CalibrationFile),
     /// The tool's tip, and its shaft, from poses that turn about them; likewise.
     ToolTip(CalibrationFile),
+    /// The whole routine in a simulated cell that is mounted off its drawing, graded by its referee.
+    Cell(CalibrateCell),
+}
+
+#[derive(Debug, Args)]
+pub struct CalibrateCell {
+    #[command(flatten)]
+    pub cell: Cell,
+    /// Views of the board.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(15..=100))]
+    pub poses: u32,
+    /// Keeps configuration, logs and journal in this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub keep: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -3,6 +3,7 @@
 //!
 //! The files are described in `docs/calibration.md`. What is solved from a file is solved in this process.
 
+mod cell;
 mod file;
 mod show;
 
@@ -21,6 +22,7 @@ pub async fn run(calibrate: Calibrate, output: &Output) -> Result<(), Failure> {
     match calibrate {
         Calibrate::HandEye(file) => print(&solve_hand_eye(&file)?, output),
         Calibrate::ToolTip(file) => print(&solve_tool(&file)?, output),
+        Calibrate::Cell(arguments) => return Box::pin(cell::run(&arguments, output)).await,
     }
     Ok(())
 }

@@ -118,7 +118,7 @@ impl Problem<12, 6> for RobotWorld {
         let by_shah = self.shah(poses);
         // Daniilidis gives Z alone; the first pose tells X from it, and refinement does the rest.
         let by_daniilidis = (poses.len() == self.len())
-            .then(|| daniilidis::solve(&self.pairs(poses, Wanted::Z)))
+            .then(|| daniilidis_of(&self.pairs(poses, Wanted::Z)))
             .flatten()
             .map(|z| Mountings {
                 x: self.equations[0].a.inverse() * z * self.equations[0].b,
@@ -182,6 +182,11 @@ impl Problem<12, 6> for RobotWorld {
             z: moved(&state.z, part(6), part(9)),
         }
     }
+}
+
+/// Daniilidis' closed form in the unit of the motions themselves.
+pub(super) fn daniilidis_of(pairs: &[MotionPair]) -> Option<Isometry3<f64>> {
+    daniilidis::solve(pairs, daniilidis::length_unit_mm(pairs))
 }
 
 /// Inverse of the left Jacobian of the rotation group, to the second order: residuals are small where it matters.

@@ -94,7 +94,7 @@ impl Default for Layout {
             tray_half_mm: 60.0,
             tray_release_mm: 60.0,
             tray_shaft: [1.0, 0.0, -0.2],
-            divot_mm: [480.0, -320.0, 60.0],
+            divot_mm: [380.0, -240.0, 60.0],
             start_joints_rad: [
                 [0.479, -1.185, -2.041, 3.004, -1.102, -1.469],
                 [0.796, -1.456, -1.861, -3.148, -1.303, -1.522],

@@ -10,9 +10,9 @@ use super::MotionPair;
 /// Motions that turn less say nothing about rotation, rad.
 const LEAST_TURN_RAD: f64 = 1e-9;
 
-/// `X` of `a X = X b`; `None` when the motions do not determine it.
-pub fn solve(pairs: &[MotionPair]) -> Option<Isometry3<f64>> {
-    let unit_mm = length_unit_mm(pairs);
+/// `X` of `a X = X b`; `None` when the motions do not determine it. An error of translation by `unit_mm` counts as much
+/// as one of rotation by a radian: see [`length_unit_mm`].
+pub fn solve(pairs: &[MotionPair], unit_mm: f64) -> Option<Isometry3<f64>> {
     let mut information = SMatrix::<f64, 8, 8>::zeros();
     for pair in pairs {
         if pair.a.rotation.angle() < LEAST_TURN_RAD {
@@ -100,7 +100,7 @@ fn pose(dual: &SVector<f64, 8>, unit_mm: f64) -> Isometry3<f64> {
 }
 
 /// Root mean square of the translations: brings both halves of the equations to one size.
-fn length_unit_mm(pairs: &[MotionPair]) -> f64 {
+pub fn length_unit_mm(pairs: &[MotionPair]) -> f64 {
     let sum: f64 = pairs
         .iter()
         .map(|pair| {

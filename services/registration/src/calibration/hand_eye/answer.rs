@@ -5,9 +5,9 @@ use arthro_geometry::nalgebra::{Isometry3, Matrix6};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 
 use super::{ClosedForms, HandEye, Residual};
-use crate::calibration::closed_form::{daniilidis, park};
+use crate::calibration::closed_form::park;
 use crate::calibration::noise::{self, PoseNoise};
-use crate::calibration::robot_world::{Mountings, RobotWorld, Wanted};
+use crate::calibration::robot_world::{Mountings, RobotWorld, Wanted, daniilidis_of};
 use crate::calibration::robust::{Fit, Problem as _};
 use crate::calibration::span::Span;
 
@@ -86,7 +86,7 @@ fn closed_forms<M: Frame>(problem: &RobotWorld, kept: &[usize], wanted: Wanted) 
     let pairs = problem.pairs(kept, wanted);
     ClosedForms {
         park: park::solve(&pairs).map(Rigid::from_isometry),
-        daniilidis: daniilidis::solve(&pairs).map(Rigid::from_isometry),
+        daniilidis: daniilidis_of(&pairs).map(Rigid::from_isometry),
         shah: problem
             .shah(kept)
             .map(|mountings| Rigid::from_isometry(wanted.camera(&mountings))),

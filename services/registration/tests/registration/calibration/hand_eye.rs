@@ -2,10 +2,13 @@
 
 use arthro_geometry::frame::{Base, Board, Camera, Flange, Frame};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
+use arthro_registration::calibration::closed_form::{MotionPair, daniilidis, shah};
 use arthro_registration::calibration::gate::Reason;
 use arthro_registration::calibration::hand_eye::{Options, Station, eye_in_hand, eye_on_base};
+use arthro_registration::calibration::input;
 use arthro_registration::error::Error;
 use proptest::prelude::{ProptestConfig, any, prop_assert, proptest};
+use serde_json::Value;
 
 use super::world::{Dice, EyeOnBase, board_in_view, noise};
 use super::{fields, reasons};
@@ -89,6 +92,68 @@ proptest! {
         let off = apart(&there.mount_from_camera, &(moved * here.mount_from_camera));
         prop_assert!(off < 1e-5, "{off}");
     }
+}
+
+/// OpenCV's answers to the same noisy views.
+#[test]
+fn the_closed_forms_agree_with_opencv() {
+    let file: Value = serde_json::from_str(include_str!("opencv.json")).unwrap();
+    let stations: Vec<Station> = file["poses"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|pose| Station {
+            base_from_flange: from_json(&pose["base_from_flange"]),
+            camera_from_board: from_json(&pose["camera_from_board"]),
+            camera_covariance: None,
+        })
+        .collect();
+    let found = eye_on_base(&stations, &Options::default()).unwrap();
+    assert!(found.residuals.iter().all(|residual| !residual.is_rejected));
+    let closed = found.closed_forms;
+    // OpenCV writes the robot-world equation the other way round, which gives other least squares.
+    let other_way: Vec<_> = stations
+        .iter()
+        .map(|station| {
+            (
+                *station.camera_from_board.isometry(),
+                *station.base_from_flange.isometry(),
+            )
+        })
+        .collect();
+    let [_, camera_from_base] = shah::solve(&other_way).unwrap();
+    let pairs: Vec<MotionPair> = (0..12)
+        .flat_map(|one| (one + 1..12).map(move |other| (one, other)))
+        .map(|(one, other)| {
+            let (board_one, arm_one) = &other_way[one];
+            let (board_other, arm_other) = &other_way[other];
+            MotionPair {
+                a: arm_other * arm_one.inverse(),
+                b: board_other * board_one.inverse(),
+            }
+        })
+        .collect();
+    // It is given metres.
+    let in_metres = daniilidis::solve(&pairs, 1000.0).unwrap();
+    for (who, ours) in [
+        ("park", closed.park.unwrap()),
+        ("shah", Rigid::from_isometry(camera_from_base.inverse())),
+        ("daniilidis", Rigid::from_isometry(in_metres)),
+    ] {
+        let theirs: Rigid<Base, Camera> = from_json(&file["opencv"][who]);
+        let off = apart(&ours, &theirs);
+        assert!(off < 1e-6, "{who} {off}");
+    }
+}
+
+fn from_json<A: Frame, B: Frame>(pose: &Value) -> Rigid<A, B> {
+    let number = |field: &str, index: usize| pose[field][index].as_f64().unwrap();
+    input::pose(
+        "pose",
+        [0, 1, 2, 3].map(|index| number("rotation_wxyz", index)),
+        [0, 1, 2].map(|index| number("translation_mm", index)),
+    )
+    .unwrap()
 }
 
 fn noisy_stations(cell: &EyeOnBase, dice: &mut Dice, count: usize) -> Vec<Station> {
