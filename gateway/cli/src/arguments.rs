@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 /// An arthroscopic robot system for meniscoplasty.
 ///
 /// Exit codes: 0 done, 1 failed, 2 wrong command line, 3 refused, 4 service unreachable, 5 procedure
-/// aborted or interrupted, 6 demo missed a limit.
+/// aborted or interrupted, 6 demo or calibration missed a limit.
 #[derive(Debug, Parser)]
 #[command(name = "arthro", version)]
 pub struct Arguments {
@@ -79,7 +79,7 @@ pub struct CalibrateCell {
     /// Views of the board.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(15..=100))]
     pub poses: u32,
-    /// Keeps configuration, logs and journal in this folder.
+    /// Keeps configuration, logs and the measurements in this folder.
     #[arg(long, value_name = "FOLDER")]
     pub keep: Option<PathBuf>,
 }

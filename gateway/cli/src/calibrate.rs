@@ -13,7 +13,7 @@ use serde_json::Value;
 use tonic::Status;
 
 use crate::arguments::{Calibrate, CalibrationFile};
-use crate::calibrate::file::{Bodies, HandEyeFile, ToolFile};
+use crate::calibrate::file::{CameraMounting, HandEyeFile, ToolFile};
 use crate::exit::Failure;
 use crate::output::Output;
 
@@ -31,9 +31,9 @@ fn solve_hand_eye(file: &CalibrationFile) -> Result<Value, Failure> {
     let asked = HandEyeFile::read(&file.file)?;
     let (stations, options) = asked.stations().map_err(refused)?;
     match asked.mounting {
-        Bodies::BesideArm => hand_eye::eye_on_base(&stations, &options)
+        CameraMounting::BesideArm => hand_eye::eye_on_base(&stations, &options)
             .map(|found| show::hand_eye(&found, "base_from_camera", "flange_from_board")),
-        Bodies::OnFlange => hand_eye::eye_in_hand(&stations, &options)
+        CameraMounting::OnFlange => hand_eye::eye_in_hand(&stations, &options)
             .map(|found| show::hand_eye(&found, "flange_from_camera", "base_from_board")),
     }
     .map_err(refused)

@@ -10,18 +10,21 @@ mod divot;
 mod summary;
 
 use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;
+use arthro_registration::calibration::{hand_eye, tool_tip};
 use arthro_simulator::scenario::{Mounting, SystemView};
 
 use self::arm::Arm;
 use self::summary::Summary;
 use crate::arguments::CalibrateCell;
+use crate::calibrate::file::{HandEyeFile, ToolFile};
+use crate::calibrate::refused;
 use crate::cell::{Cell, Ports, Urls};
 use crate::demo;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
 /// The arthroscope is drawn back this far before the forceps arm moves about, mm.
-const ARTHROSCOPE_BACK_MM: f64 = 150.0;
+const ARTHROSCOPE_BACK_MM: f64 = 220.0;
 
 /// Runs the routine to its end.
 pub async fn run(arguments: &CalibrateCell, output: &Output) -> Result<(), Failure> {
@@ -61,11 +64,18 @@ async fn perform(
     let mut arm = Arm::take(&urls.motion).await?;
     arm.clear_the_other(ARTHROSCOPE_BACK_MM).await?;
     let seed = arguments.cell.seed;
-    let hand_eye = board::calibrate(&mut arm, drawn, urls, arguments.poses, seed, output).await?;
+    let stations = board::look(&mut arm, drawn, urls, arguments.poses, seed, output).await?;
     // From where the arm began every fixture is a straight way off.
     arm.turn(drawn.start_joints_rad[0]).await?;
-    let tool = divot::calibrate(&mut arm, drawn, urls, seed, output).await?;
+    let pivots = divot::pivot(&mut arm, drawn, urls, seed, output).await?;
     arm.release().await?;
+    if let Some(folder) = &arguments.keep {
+        HandEyeFile::beside_arm(&stations, &board::options())
+            .write(&folder.join("hand_eye.json"))?;
+        ToolFile::pivot(&pivots).write(&folder.join("tool_tip.json"))?;
+    }
+    let hand_eye = hand_eye::eye_on_base(&stations, &board::options()).map_err(refused)?;
+    let tool = tool_tip::solve(&pivots, &tool_tip::Options::default()).map_err(refused)?;
     let referee = RefereeServiceClient::connect(urls.simulator.clone()).await?;
     Summary::graded(referee, drawn, hand_eye, tool).await
 }

@@ -1,4 +1,5 @@
-//! The JSON files that `arthro calibrate` reads; `docs/calibration.md` describes them.
+//! The JSON files that `arthro calibrate` reads and `arthro calibrate cell --keep` writes; `docs/calibration.md`
+//! describes them.
 
 use std::path::Path;
 
@@ -9,69 +10,80 @@ use arthro_registration::calibration::input;
 use arthro_registration::calibration::noise::{PoseCovariance, PoseNoise};
 use arthro_registration::calibration::tool::{self, ShaftPoses};
 use arthro_registration::error::{Error, Violation};
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::commands::{read, unreadable};
 use crate::exit::Failure;
 
 /// Views of a board.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct HandEyeFile {
     /// Where the camera is.
-    pub mounting: Bodies,
+    pub mounting: CameraMounting,
+    #[serde(skip_serializing_if = "Option::is_none")]
     work_point_mm: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     arm_noise: Option<Noise>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     camera_noise: Option<Noise>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     residual_limit_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     uncertainty_limit_mm: Option<f64>,
     poses: Vec<View>,
 }
 
 /// Where the camera is.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Bodies {
+pub enum CameraMounting {
     /// It stands beside the arm, the board is on the flange.
     BesideArm,
     /// It is on the flange, the board stands still.
     OnFlange,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct View {
     base_from_flange: Pose,
     camera_from_board: Pose,
     /// 36 numbers, row by row.
+    #[serde(skip_serializing_if = "Option::is_none")]
     camera_covariance: Option<Vec<f64>>,
 }
 
 /// Poses about the tip, and optionally about the shaft.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolFile {
     poses: Vec<Pose>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     spin_poses: Vec<Pose>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     higher_poses: Vec<Pose>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     arm_noise: Option<Noise>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     divot_play_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     drawn_flange_from_tool: Option<Pose>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     residual_limit_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     uncertainty_limit_mm: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Pose {
     rotation_wxyz: [f64; 4],
     translation_mm: [f64; 3],
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Noise {
     rotation_deg: f64,
@@ -87,6 +99,31 @@ impl HandEyeFile {
     /// Reads `path`.
     pub fn read(path: &Path) -> Result<Self, Failure> {
         parsed(path)
+    }
+
+    /// What was measured with the camera beside the arm.
+    pub fn beside_arm(stations: &[Station], options: &hand_eye::Options) -> Self {
+        let poses = stations.iter().map(|station| View {
+            base_from_flange: (&station.base_from_flange).into(),
+            camera_from_board: (&station.camera_from_board).into(),
+            camera_covariance: station
+                .camera_covariance
+                .map(|covariance| covariance.transpose().iter().copied().collect()),
+        });
+        Self {
+            mounting: CameraMounting::BesideArm,
+            work_point_mm: Some(options.work_point.into()),
+            arm_noise: options.arm_noise.map(Into::into),
+            camera_noise: options.camera_noise.map(Into::into),
+            residual_limit_mm: Some(options.residual_limit_mm),
+            uncertainty_limit_mm: Some(options.uncertainty_limit_mm),
+            poses: poses.collect(),
+        }
+    }
+
+    /// Writes `path`.
+    pub fn write(&self, path: &Path) -> Result<(), Failure> {
+        written(path, self)
     }
 
     /// As the solver takes it.
@@ -127,6 +164,25 @@ impl ToolFile {
         parsed(path)
     }
 
+    /// Poses about the tip.
+    pub fn pivot(poses: &[Rigid<Base, Flange>]) -> Self {
+        Self {
+            poses: poses.iter().map(Into::into).collect(),
+            spin_poses: Vec::new(),
+            higher_poses: Vec::new(),
+            arm_noise: None,
+            divot_play_mm: None,
+            drawn_flange_from_tool: None,
+            residual_limit_mm: None,
+            uncertainty_limit_mm: None,
+        }
+    }
+
+    /// Writes `path`.
+    pub fn write(&self, path: &Path) -> Result<(), Failure> {
+        written(path, self)
+    }
+
     /// As the solver takes it.
     pub fn measurements(&self) -> Result<ToolMeasurements, Error> {
         let mut fields = Fields::default();
@@ -159,6 +215,31 @@ impl ToolFile {
 
 fn parsed<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
     serde_json::from_slice(&read(path)?).map_err(|error| unreadable(path, &error))
+}
+
+fn written(path: &Path, file: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string(file)
+        .map_err(|error| Failure::failed("MEASUREMENTS_UNWRITABLE", error))?;
+    Ok(std::fs::write(path, text)?)
+}
+
+impl<A: Frame, B: Frame> From<&Rigid<A, B>> for Pose {
+    fn from(pose: &Rigid<A, B>) -> Self {
+        let rotation = pose.rotation().into_inner();
+        Self {
+            rotation_wxyz: [rotation.w, rotation.i, rotation.j, rotation.k],
+            translation_mm: pose.translation_mm().into(),
+        }
+    }
+}
+
+impl From<PoseNoise> for Noise {
+    fn from(noise: PoseNoise) -> Self {
+        Self {
+            rotation_deg: noise.rotation_rad.to_degrees(),
+            translation_mm: noise.translation_mm,
+        }
+    }
 }
 
 impl From<Noise> for PoseNoise {

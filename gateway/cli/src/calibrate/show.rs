@@ -109,6 +109,7 @@ fn line(name: &str, value: &Value) -> String {
                 .collect();
             inner.join("\n")
         }
+        Value::Array(items) if items.is_empty() => format!("{name:<40} none"),
         Value::Array(items) => {
             let items: Vec<String> = items.iter().map(number).collect();
             format!("{name:<40} {}", items.join(", "))

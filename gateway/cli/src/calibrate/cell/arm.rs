@@ -19,6 +19,8 @@ const RENEW_EVERY: Duration = Duration::from_secs(1);
 /// An arm that moved less than this between two states is at rest.
 const REST_MM: f64 = 1e-3;
 const REST_RAD: f64 = 1e-5;
+/// The supervisor stopped a move near a singularity of the wrist: that pose is left out, the routine goes on.
+const TOO_FAST: &str = "JOINT_SPEED";
 /// States looked at before an arm is given up that does not come to rest.
 const REST_STATES: usize = 500;
 
@@ -69,7 +71,7 @@ impl Arm {
         self.flange_from_tool
     }
 
-    /// Moves straight to a pose of the believed tool. What cannot be reached is refused and nothing moves.
+    /// Moves straight to a pose of the believed tool. What cannot be reached is refused.
     pub async fn go(&mut self, base_from_tool: &Rigid<Base, Tool>) -> Result<(), Failure> {
         self.perform(common::Arm::Forceps, straight_to(base_from_tool))
             .await
@@ -96,12 +98,8 @@ impl Arm {
     }
 
     async fn perform(&mut self, arm: common::Arm, motion: Motion) -> Result<(), Failure> {
-        self.moves += 1;
         let request = motion::MoveRequest {
-            authorization: Some(common::Authorization {
-                fencing_token: self.fencing_token,
-                operation_id: format!("calibrate-{}-{}", self.fencing_token, self.moves),
-            }),
+            authorization: Some(self.authorization()),
             arm: arm.into(),
             motion: Some(motion),
         };
@@ -110,6 +108,10 @@ impl Arm {
             let operation = message.operation.unwrap_or_default();
             match operation.state() {
                 OperationState::Done => return Ok(()),
+                OperationState::Failed if operation.reason == TOO_FAST => {
+                    self.acknowledge(arm).await?;
+                    return Err(Failure::refused(TOO_FAST, operation.detail));
+                }
                 OperationState::Failed | OperationState::Stopped => {
                     return Err(Failure::new(
                         Kind::Failed,
@@ -121,6 +123,25 @@ impl Arm {
             }
         }
         Err(unusable("a move ended without an outcome"))
+    }
+
+    async fn acknowledge(&mut self, arm: common::Arm) -> Result<(), Failure> {
+        self.tool_at_rest(arm).await?;
+        let request = motion::RecoverFaultRequest {
+            authorization: Some(self.authorization()),
+            arm: arm.into(),
+        };
+        self.client.recover_fault(request).await?;
+        Ok(())
+    }
+
+    /// A new operation under the lease.
+    fn authorization(&mut self) -> common::Authorization {
+        self.moves += 1;
+        common::Authorization {
+            fencing_token: self.fencing_token,
+            operation_id: format!("calibrate-{}-{}", self.fencing_token, self.moves),
+        }
     }
 
     /// The measured flange once the arm is at rest.

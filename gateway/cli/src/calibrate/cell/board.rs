@@ -7,7 +7,7 @@ use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use arthro_proto::simulator::v1::camera_service_client::CameraServiceClient;
 use arthro_proto::simulator::v1::{CaptureBoardRequest, CaptureBoardResponse};
 use arthro_registration::calibration::board::{self, Corner, Lens};
-use arthro_registration::calibration::hand_eye::{self, HandEye, Options, Station};
+use arthro_registration::calibration::hand_eye::{Options, Station};
 use arthro_registration::calibration::noise::PoseNoise;
 use arthro_simulator::calibration_board;
 use arthro_simulator::scenario::SystemView;
@@ -37,15 +37,15 @@ const ARM_NOISE: PoseNoise = PoseNoise {
     translation_mm: 0.1,
 };
 
-/// Takes `count` views and solves.
-pub async fn calibrate(
+/// Takes `count` views.
+pub async fn look(
     arm: &mut Arm,
     drawn: &SystemView,
     urls: &Urls,
     count: u32,
     seed: u64,
     output: &Output,
-) -> Result<HandEye<Base, Flange>, Failure> {
+) -> Result<Vec<Station>, Failure> {
     let mut camera = CameraServiceClient::connect(urls.simulator.clone()).await?;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let bar = output.progress("board", u64::from(count));
@@ -80,12 +80,16 @@ pub async fn calibrate(
         ));
     }
     output.note(format!("{count} views of the board were taken"));
-    let options = Options {
+    Ok(stations)
+}
+
+/// What is known of the arm, and where the answer will be used.
+pub fn options() -> Options {
+    Options {
         work_point: WORK_POINT,
         arm_noise: Some(ARM_NOISE),
         ..Options::default()
-    };
-    hand_eye::eye_on_base(&stations, &options).map_err(refused)
+    }
 }
 
 /// What was refused is no view; anything else ends the routine.

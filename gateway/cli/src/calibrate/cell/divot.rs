@@ -2,17 +2,15 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use arthro_geometry::frame::{Base, Tool};
+use arthro_geometry::frame::{Base, Flange, Tool};
 use arthro_geometry::nalgebra::{Matrix3, Rotation3};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use arthro_proto::simulator::v1::ReadDivotRequest;
 use arthro_proto::simulator::v1::bench_service_client::BenchServiceClient;
-use arthro_registration::calibration::tool_tip::{self, Options, ToolTip};
 use arthro_simulator::scenario::SystemView;
 use tonic::transport::Channel;
 
 use super::arm::Arm;
-use crate::calibrate::refused;
 use crate::cell::Urls;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
@@ -30,14 +28,14 @@ const SEATED_MM: f64 = 0.15;
 /// Corrections tried.
 const CORRECTIONS: u32 = 6;
 
-/// Pivots about the divot and solves.
-pub async fn calibrate(
+/// Pivots about the divot.
+pub async fn pivot(
     arm: &mut Arm,
     drawn: &SystemView,
     urls: &Urls,
     seed: u64,
     output: &Output,
-) -> Result<ToolTip, Failure> {
+) -> Result<Vec<Rigid<Base, Flange>>, Failure> {
     let mut gauge = Gauge {
         bench: BenchServiceClient::connect(urls.simulator.clone()).await?,
         seed,
@@ -57,7 +55,7 @@ pub async fn calibrate(
     arm.go(&Rigid::new(leaning(0) * facing, above.coords))
         .await?;
     output.note(format!("the tip was seated in the divot in {POSES} poses"));
-    tool_tip::solve(&poses, &Options::default()).map_err(refused)
+    Ok(poses)
 }
 
 /// Brings the tool above the divot, turned about its shaft by whichever quarter the arm can reach from where it is.
