@@ -10,7 +10,7 @@ use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 /// An arthroscopic robot system for meniscoplasty.
 ///
 /// Exit codes: 0 done, 1 failed, 2 wrong command line, 3 refused, 4 service unreachable, 5 procedure
-/// aborted or interrupted, 6 demo missed a limit.
+/// aborted or interrupted, 6 demo or calibration missed a limit.
 #[derive(Debug, Parser)]
 #[command(name = "arthro", version)]
 pub struct Arguments {
@@ -63,6 +63,38 @@ pub enum Command {
     Abort(ProcedureId),
     /// Decides what happens to an interrupted procedure.
     Recover(Recover),
+    /// Finds where camera, tool and shaft are mounted.
+    #[command(subcommand)]
+    Calibrate(Calibrate),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Calibrate {
+    /// The camera, from views of a board; the file is described in docs/calibration.md.
+    HandEye(CalibrationFile),
+    /// The tool's tip, and its shaft, from poses that turn about them; likewise.
+    ToolTip(CalibrationFile),
+    /// The whole routine in a simulated cell that is mounted off its drawing, graded by its referee.
+    Cell(CalibrateCell),
+}
+
+#[derive(Debug, Args)]
+pub struct CalibrateCell {
+    #[command(flatten)]
+    pub cell: Cell,
+    /// Views of the board.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(15..=100))]
+    pub poses: u32,
+    /// Keeps configuration, logs and the measurements in this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub keep: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct CalibrationFile {
+    /// The measurements (JSON).
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
 }
 
 #[derive(Debug, Args)]

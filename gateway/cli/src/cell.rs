@@ -47,6 +47,7 @@ pub enum Ports {
 #[derive(Clone, Debug)]
 pub struct Urls {
     pub gateway: String,
+    pub motion: String,
     pub simulator: String,
 }
 
@@ -144,6 +145,7 @@ impl Cell {
     pub fn urls(&self) -> Urls {
         Urls {
             gateway: self.url(ServiceName::Gateway),
+            motion: self.url(ServiceName::Motion),
             simulator: self.url(ServiceName::Simulator),
         }
     }

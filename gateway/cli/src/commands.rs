@@ -19,7 +19,7 @@ use crate::cell::targets::Targets;
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::{bench, cell, demo, reconstruct, register, scene};
+use crate::{bench, calibrate, cell, demo, reconstruct, register, scene};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -27,6 +27,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
     match arguments.command {
         Command::Demo(demo) => Box::pin(demo::run(&demo, output)).await,
         Command::Up(up) => Box::pin(cell::up(&up, output)).await,
+        Command::Calibrate(calibrate) => Box::pin(calibrate::run(calibrate, output)).await,
         // Started before any runtime exists; see `main`.
         Command::Serve(_) => Ok(()),
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,

@@ -14,7 +14,7 @@ use arthro_geometry::{Cloud, Mesh, ply};
 use arthro_proto::gateway::v1::{GetReportRequest, RegisterCaseRequest};
 use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;
 use arthro_proto::simulator::v1::{GetAccountRequest, ScoreRegistrationRequest};
-use arthro_simulator::scenario::{LESION_SPACING_MM, Scenario, Spec};
+use arthro_simulator::scenario::{LESION_SPACING_MM, Mounting, Scenario, Spec};
 
 use crate::arguments;
 use crate::cell::targets::Targets;
@@ -68,8 +68,17 @@ pub async fn run(arguments: &arguments::Demo, output: &Output) -> Result<(), Fai
     summary.limits_kept()
 }
 
-/// The case that the cell shall hold.
+/// The case that the cell shall hold, everything mounted as drawn.
 pub fn scenario(cell: &arguments::Cell, output: &Output) -> Result<Scenario, Failure> {
+    mounted_scenario(cell, Mounting::default(), output)
+}
+
+/// The same with a mounting that may be off the drawing.
+pub fn mounted_scenario(
+    cell: &arguments::Cell,
+    mounting: Mounting,
+    output: &Output,
+) -> Result<Scenario, Failure> {
     if !(0.1..=1000.0).contains(&cell.time_scale) {
         return Err(Failure::refused(
             "TIME_SCALE_OUT_OF_RANGE",
@@ -78,6 +87,7 @@ pub fn scenario(cell: &arguments::Cell, output: &Output) -> Result<Scenario, Fai
     }
     let spec = Spec {
         seed: cell.seed,
+        mounting,
         ..Spec::default()
     };
     let scenario = match &cell.model {

@@ -7,7 +7,7 @@
 //! | 3 | refused: the input or the state of a case or device forbids it |
 //! | 4 | a service cannot be reached |
 //! | 5 | the procedure was aborted or interrupted |
-//! | 6 | the demo missed one of its limits |
+//! | 6 | the demo or the calibration of a cell missed one of its limits |
 //! | 1 | anything else |
 
 use std::error::Error;
@@ -40,7 +40,7 @@ pub enum Kind {
     Unreachable,
     /// The procedure was aborted or interrupted.
     Interrupted,
-    /// The demo missed a limit.
+    /// The demo or a calibration missed a limit.
     LimitMissed,
 }
 

@@ -6,6 +6,7 @@
 
 mod arguments;
 mod bench;
+mod calibrate;
 mod cell;
 mod commands;
 mod demo;

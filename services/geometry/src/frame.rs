@@ -34,6 +34,8 @@ frames! {
     Flange = "flange";
     /// Tool: origin at the tip, x along the shaft and out of the tip (Eq. 11 of the paper).
     Tool = "tool";
+    /// Calibration board: x along its rows, y along its columns, z away from what looks at it.
+    Board = "board";
     /// Portal: the point in the skin that the shaft pivots about.
     Portal = "portal";
 }

@@ -1,9 +1,11 @@
-//! Why a registration or a deprojection does not answer, and what the caller is told.
+//! Why a registration, a deprojection or a calibration does not answer, and what the caller is told.
 
 use std::fmt;
 
 use arthro_bootstrap::status;
 use tonic::Status;
+
+use crate::calibration::gate::Refusal;
 
 /// The domain's errors.
 #[derive(Debug, thiserror::Error)]
@@ -14,6 +16,9 @@ pub enum Error {
     /// No pose can be formed from these clouds.
     #[error("no pose of the model fits any part of the view")]
     NothingFound,
+    /// A calibration that did not pass its gates; every gate missed, at least one.
+    #[error("{}", Joined(.0))]
+    Refused(Vec<Refusal>),
     /// The owner asked to stop.
     #[error("the computation was cancelled")]
     Cancelled,
@@ -60,8 +65,36 @@ impl From<Error> for Status {
                 status::invalid_all(told)
             }
             error @ Error::NothingFound => status::refused("NOTHING_FOUND", error.to_string(), &[]),
+            Error::Refused(refusals) => refused(&refusals),
             Error::Cancelled => Status::cancelled("the computation was cancelled"),
         }
+    }
+}
+
+/// The first gate's word as the reason; all of them in the message and in `reasons`.
+fn refused(refusals: &[Refusal]) -> Status {
+    let words: Vec<&str> = refusals
+        .iter()
+        .map(|refusal| refusal.reason.as_str())
+        .collect();
+    let mut metadata = vec![("reasons", words.join(","))];
+    if let Some(first) = refusals.first() {
+        metadata.push(("value", first.value.to_string()));
+        metadata.push(("limit", first.limit.to_string()));
+    }
+    status::refused(
+        words.first().copied().unwrap_or_default(),
+        Joined(refusals).to_string(),
+        &metadata,
+    )
+}
+
+struct Joined<'a>(&'a [Refusal]);
+
+impl fmt::Display for Joined<'_> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let said: Vec<String> = self.0.iter().map(Refusal::to_string).collect();
+        formatter.write_str(&said.join("; "))
     }
 }
 

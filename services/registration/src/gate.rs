@@ -62,7 +62,7 @@ const RULES: [Rule; 7] = [
         reason: "RIVAL_TOO_CLOSE",
         figure: |evidence| evidence.ambiguity,
         review: 0.85,
-        reject: 0.97,
+        reject: 0.98,
         side: Side::Below,
     },
     Rule {
@@ -75,7 +75,7 @@ const RULES: [Rule; 7] = [
     Rule {
         reason: "TARGET_ERROR_TOO_LARGE",
         figure: |evidence| evidence.tre_predicted_mm / evidence.unit_mm,
-        review: 1.0,
+        review: 0.35,
         reject: 3.0,
         side: Side::Below,
     },
@@ -171,7 +171,7 @@ mod tests {
                 ..GOOD
             },
             Evidence {
-                tre_predicted_mm: 1.2,
+                tre_predicted_mm: 0.5,
                 ..GOOD
             },
             Evidence {

@@ -3,6 +3,7 @@
 //! [`depth::from_view`] makes the view from depth images.
 
 pub mod budget;
+pub mod calibration;
 pub mod cells;
 pub mod config;
 pub mod contact;

@@ -44,8 +44,8 @@ const QUICK: Round = Round {
         high: 1.6,
     },
     scale_step: 0.14,
-    refined: 16,
-    finished: 4,
+    refined: 28,
+    finished: 5,
 };
 const THOROUGH: Round = Round {
     effort: Effort {
@@ -60,15 +60,15 @@ const THOROUGH: Round = Round {
         high: 3.3,
     },
     scale_step: 0.1,
-    refined: 48,
-    finished: 8,
+    refined: 80,
+    finished: 10,
 };
 
 /// Candidates nearer than this are one, after the search, after the medium view and at the end.
 const SEARCHED: Likeness = Likeness {
-    degrees: 8.0,
-    units: 2.0,
-    log_scale: 0.06,
+    degrees: 5.0,
+    units: 1.2,
+    log_scale: 0.05,
 };
 const REFINED: Likeness = Likeness {
     degrees: 4.0,

@@ -22,6 +22,7 @@ use crate::input::MIN_DEADLINE_S;
 use crate::pipeline::{Event, register};
 
 mod answer;
+mod calibration;
 mod depth;
 mod receive;
 mod surface;
@@ -111,6 +112,20 @@ impl RegistrationService for Registrar {
         request: Request<Streaming<api::ReconstructSurfaceRequest>>,
     ) -> Result<Response<Self::ReconstructSurfaceStream>, Status> {
         surface::reconstruct(self.permit()?, request.into_inner()).await
+    }
+
+    async fn solve_hand_eye(
+        &self,
+        request: Request<api::SolveHandEyeRequest>,
+    ) -> Result<Response<api::SolveHandEyeResponse>, Status> {
+        calibration::hand_eye(self.permit()?, request.into_inner()).await
+    }
+
+    async fn solve_tool_tip(
+        &self,
+        request: Request<api::SolveToolTipRequest>,
+    ) -> Result<Response<api::SolveToolTipResponse>, Status> {
+        calibration::tool_tip(self.permit()?, request.into_inner()).await
     }
 }
 

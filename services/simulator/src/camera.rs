@@ -95,10 +95,7 @@ impl Camera {
 
     /// Column and row of the optical axis, pixels.
     pub fn principal_point_px(&self) -> [f64; 2] {
-        [
-            0.5 * f64::from(self.intrinsics.width_px - 1),
-            0.5 * f64::from(self.intrinsics.height_px - 1),
-        ]
+        self.intrinsics.principal_point_px()
     }
 
     /// Takes a picture. The same seed gives the same noise.
@@ -256,7 +253,7 @@ fn holds([a, b, c]: &[[f64; 2]; 3], at: [f64; 2]) -> bool {
 }
 
 /// Two independent values of deviation 1 (Box and Muller).
-fn normal_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
+pub(crate) fn normal_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
     let (uniform, turn): (f64, f64) = (rng.random(), rng.random());
     let radius = (-2.0 * (1.0 - uniform).ln()).sqrt();
     let (sine, cosine) = (std::f64::consts::TAU * turn).sin_cos();

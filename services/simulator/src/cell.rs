@@ -5,7 +5,7 @@
 pub mod axes;
 
 use arthro_geometry::Rigid;
-use arthro_geometry::frame::{Base, ForcepsBase};
+use arthro_geometry::frame::{Base, Flange, ForcepsBase};
 
 use self::axes::{FORCEPS_FEED, FORCEPS_ROTATION};
 use crate::epos4::Mechanics;
@@ -29,6 +29,7 @@ pub struct Cell {
     ticks: u64,
     layout: Layout,
     arms: [ArmShape; 2],
+    forceps_base_from_flange: Rigid<ForcepsBase, Flange>,
     knee: Knee,
     jaw: Jaw,
     referee: Referee,
@@ -54,18 +55,28 @@ impl Cell {
     pub fn new(scenario: &Scenario) -> Self {
         let layout = scenario.spec.layout.clone();
         let arthroscope_base = layout.forceps_base_from_arthroscope_base();
-        let arm = |forceps_base_from_base: Rigid<ForcepsBase, Base>, jaw_mm: f64| ArmShape {
+        let [forceps_tool, arthroscope_tool] = scenario.truth.mounted.flange_from_tools;
+        let arm = |forceps_base_from_base, flange_from_tool, jaw_mm| ArmShape {
             forceps_base_from_base,
-            shaft_length_mm: layout.shaft_length_mm,
+            flange_from_tool,
             shaft_radius_mm: SHAFT_RADIUS_MM,
             jaw_mm,
         };
+        let half_jaw_mm = 0.5 * scenario.spec.jaw.length_mm;
+        let arms: [ArmShape; 2] = [
+            arm(Rigid::identity(), forceps_tool, half_jaw_mm),
+            arm(
+                Rigid::<ForcepsBase, Base>::from_isometry(*arthroscope_base.isometry()),
+                arthroscope_tool,
+                0.0,
+            ),
+        ];
         Self {
             ticks: 0,
-            arms: [
-                arm(Rigid::identity(), 0.5 * scenario.spec.jaw.length_mm),
-                arm(Rigid::from_isometry(*arthroscope_base.isometry()), 0.0),
-            ],
+            forceps_base_from_flange: arms[0]
+                .at(&layout.start_joints_rad[0])
+                .forceps_base_from_flange,
+            arms,
             layout,
             knee: Knee::new(scenario),
             jaw: Jaw::new(&scenario.spec.jaw),
@@ -78,6 +89,11 @@ impl Cell {
     /// The cell's clock, s.
     pub fn now_s(&self) -> f64 {
         self.ticks as f64 * TICK_S
+    }
+
+    /// Where the flange of the forceps arm truly is.
+    pub fn forceps_base_from_flange(&self) -> Rigid<ForcepsBase, Flange> {
+        self.forceps_base_from_flange
     }
 
     /// What the referee says now.
@@ -103,7 +119,8 @@ impl Cell {
         let bodies = [0, 1].map(|arm| self.arms[arm].at(&joints_rad[arm]));
         let rotation_rad = axes::rotation_rad(self.shafts_qc[FORCEPS_ROTATION]);
         let forceps_base_from_tool =
-            bodies[0].forceps_base_from_flange * self.layout.flange_from_tool();
+            bodies[0].forceps_base_from_flange * self.arms[0].flange_from_tool;
+        self.forceps_base_from_flange = bodies[0].forceps_base_from_flange;
         let forceps_base_from_jaw = jaw::turned(forceps_base_from_tool, rotation_rad);
         let feed_mm = axes::feed_mm(self.shafts_qc[FORCEPS_FEED]);
         self.jaw.look(forceps_base_from_jaw, feed_mm, &self.knee);

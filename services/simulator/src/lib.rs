@@ -5,10 +5,12 @@
 //! the camera and the referee through gRPC. One seed makes a whole case: [`scenario`]. The truth lives
 //! in [`cell`] and is pure; [`clock`] lets it pass.
 
+pub mod calibration_board;
 pub mod camera;
 pub mod cell;
 pub mod clock;
 pub mod config;
+pub mod divot;
 pub mod epos4;
 pub mod error;
 pub mod jaw;
@@ -24,6 +26,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_proto::simulator::v1::bench_service_server::BenchServiceServer;
 use arthro_proto::simulator::v1::camera_service_server::CameraServiceServer;
 use arthro_proto::simulator::v1::referee_service_server::RefereeServiceServer;
 use tonic::service::Routes;
@@ -34,7 +37,7 @@ use crate::clock::{Arm, Driven};
 use crate::config::ArmConfig;
 pub use crate::config::Config;
 pub use crate::error::Error;
-use crate::server::{CameraApi, RefereeApi};
+use crate::server::{BenchApi, CameraApi, RefereeApi};
 
 /// The simulator as a server.
 #[derive(Debug)]
@@ -85,7 +88,8 @@ impl Service for Server {
             // The bus goes last: whoever drains still hears its drives.
             drop(can);
         });
-        let camera = CameraApi::new(Camera::new(&scenario));
+        let bench = BenchApi::new(Arc::clone(&scenario), Arc::clone(&cell));
+        let camera = CameraApi::new(Camera::new(&scenario), bench.clone());
         let referee = RefereeApi {
             scenario,
             cell,
@@ -94,6 +98,7 @@ impl Service for Server {
             can_address,
         };
         Ok(Routes::new(CameraServiceServer::new(camera))
+            .add_service(BenchServiceServer::new(bench))
             .add_service(RefereeServiceServer::new(referee)))
     }
 }

@@ -7,22 +7,27 @@
 pub mod crescent;
 mod folder;
 pub mod layout;
+pub mod mounting;
 pub mod spec;
 mod tear;
 
 use std::sync::Arc;
 
-use arthro_geometry::frame::{ArthroscopeBase, Camera, Ct, Flange, ForcepsBase, Frame, Tool};
+use arthro_geometry::frame::{
+    ArthroscopeBase, Board, Camera, Ct, Flange, ForcepsBase, Frame, Tool,
+};
 use arthro_geometry::{Mesh, Point3, Rigid, Rotation, Vector3, phantom};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 pub use self::layout::Layout;
+pub use self::mounting::Mounting;
 pub use self::spec::{Intrinsics, Spec};
 pub use self::tear::Tear;
 use crate::Error;
 use crate::scenario::crescent::Crescent;
+use crate::scenario::mounting::Mounted;
 use crate::voxels::Voxels;
 
 /// The frame of the knee: see [`Crescent::ct_from_knee`].
@@ -87,6 +92,8 @@ pub(crate) struct Truth {
     pub tear: Tear,
     /// The portals in the skin, forceps and arthroscope.
     pub portals: [Point3; 2],
+    /// Where camera, tools, board and divot really are.
+    pub mounted: Mounted,
 }
 
 /// What the configuration of the services says about the cell. Portals are what a surgeon would teach
@@ -103,6 +110,10 @@ pub struct SystemView {
     pub portal_in_arthroscope_base: Point3,
     /// The hand-eye transform of the cell's calibration.
     pub forceps_base_from_camera: Rigid<ForcepsBase, Camera>,
+    /// The calibration board on the forceps arm, as drawn.
+    pub flange_from_board: Rigid<Flange, Board>,
+    /// The divot at rest, as drawn.
+    pub divot_in_forceps_base: Point3,
     /// Tool pose over the tray at which the jaw lets go.
     pub forceps_base_from_tool_at_tray: Rigid<ForcepsBase, Tool>,
     /// Across the shaft and along it, mm.
@@ -187,6 +198,7 @@ impl Scenario {
             voxels,
             tear,
             portals,
+            mounted: Mounted::of(&spec),
         };
         Self {
             source,
@@ -207,6 +219,8 @@ impl Scenario {
             portal_in_forceps_base: forceps,
             portal_in_arthroscope_base: forceps_base_from_arthroscope_base.inverse() * arthroscope,
             forceps_base_from_camera: layout.forceps_base_from_camera(),
+            flange_from_board: layout.flange_from_board(),
+            divot_in_forceps_base: layout.divot_mm.into(),
             forceps_base_from_tool_at_tray: layout.forceps_base_from_tool_at_tray(),
             jaw_width_mm: self.spec.jaw.width_mm,
             jaw_length_mm: self.spec.jaw.length_mm,

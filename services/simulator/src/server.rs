@@ -1,4 +1,6 @@
-//! The camera and the referee over gRPC.
+//! The camera, the bench and the referee over gRPC.
+
+mod calibration;
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex};
@@ -11,14 +13,16 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::camera_service_server::CameraService;
 use arthro_proto::simulator::v1::referee_service_server::RefereeService;
 use arthro_proto::simulator::v1::{
-    CaptureRequest, CaptureResponse, Collision, FrameHeader, GetAccountRequest, GetAccountResponse,
-    GetCellRequest, GetCellResponse, ScoreRegistrationRequest, ScoreRegistrationResponse,
-    ShaftAccount, capture_response::Payload,
+    CaptureBoardRequest, CaptureBoardResponse, CaptureRequest, CaptureResponse, Collision,
+    FrameHeader, GetAccountRequest, GetAccountResponse, GetCellRequest, GetCellResponse,
+    ScoreCalibrationRequest, ScoreCalibrationResponse, ScoreRegistrationRequest,
+    ScoreRegistrationResponse, ShaftAccount, capture_response::Payload,
 };
 use bytes::Bytes;
 use tokio_stream::Stream;
 use tonic::{Request, Response, Status};
 
+pub use self::calibration::BenchApi;
 use crate::camera::{Camera, Picture};
 use crate::cell::{Account, Cell};
 use crate::clock::{self, lock};
@@ -31,13 +35,15 @@ const CHUNK_BYTES: usize = 256 * 1024;
 #[derive(Clone, Debug)]
 pub struct CameraApi {
     camera: Arc<Camera>,
+    bench: BenchApi,
 }
 
 impl CameraApi {
     /// A camera over the bench.
-    pub fn new(camera: Camera) -> Self {
+    pub fn new(camera: Camera, bench: BenchApi) -> Self {
         Self {
             camera: Arc::new(camera),
+            bench,
         }
     }
 }
@@ -64,6 +70,13 @@ impl CameraService for CameraApi {
         });
         let messages: Vec<_> = messages.collect();
         Ok(Response::new(Box::pin(tokio_stream::iter(messages))))
+    }
+
+    async fn capture_board(
+        &self,
+        request: Request<CaptureBoardRequest>,
+    ) -> Result<Response<CaptureBoardResponse>, Status> {
+        self.bench.capture_board(request.into_inner())
     }
 }
 
@@ -122,6 +135,13 @@ impl RefereeService for RefereeApi {
             translation_error_mm: score.translation_error_mm,
             scale_error: score.scale_error,
         }))
+    }
+
+    async fn score_calibration(
+        &self,
+        request: Request<ScoreCalibrationRequest>,
+    ) -> Result<Response<ScoreCalibrationResponse>, Status> {
+        calibration::score(&self.scenario, &request.into_inner())
     }
 }
 

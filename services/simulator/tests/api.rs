@@ -5,15 +5,19 @@
 
 use std::time::Duration;
 
+use arthro_bootstrap::status;
 use arthro_bootstrap::{Drain, Service};
 use arthro_proto::common::v1 as common;
+use arthro_proto::simulator::v1::bench_service_client::BenchServiceClient;
 use arthro_proto::simulator::v1::camera_service_client::CameraServiceClient;
 use arthro_proto::simulator::v1::capture_response::Payload;
 use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;
 use arthro_proto::simulator::v1::{
-    CaptureRequest, GetAccountRequest, GetCellRequest, GetCellResponse, ScoreRegistrationRequest,
+    CaptureBoardRequest, CaptureRequest, GetAccountRequest, GetCellRequest, GetCellResponse,
+    ReadDivotRequest, ScoreCalibrationRequest, ScoreRegistrationRequest,
 };
 use arthro_simulator::config::ArmConfig;
+use arthro_simulator::scenario::{Scenario, Spec};
 use arthro_simulator::{Config, Server};
 use tokio::net::TcpListener;
 use tokio_stream::wrappers::TcpListenerStream;
@@ -196,4 +200,80 @@ async fn a_claim_that_is_no_similarity_is_refused_by_field() {
         .score_registration(claim(1.0, unit, 0.0))
         .await;
     assert!(far.unwrap().into_inner().tre_rms_mm > 100.0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_board_out_of_view_and_an_empty_divot_are_refused_by_reason() {
+    let served = Served::at(1.0).await;
+    let refusal = CameraServiceClient::new(served.channel.clone())
+        .capture_board(CaptureBoardRequest { seed: 1 })
+        .await
+        .unwrap_err();
+    assert_eq!(refusal.code(), tonic::Code::FailedPrecondition);
+    assert_eq!(
+        status::reason(&refusal).as_deref(),
+        Some("BOARD_NOT_IN_VIEW")
+    );
+    let refusal = BenchServiceClient::new(served.channel.clone())
+        .read_divot(ReadDivotRequest { seed: 1 })
+        .await
+        .unwrap_err();
+    assert_eq!(status::reason(&refusal).as_deref(), Some("DIVOT_EMPTY"));
+    assert!(refusal.message().contains("12 mm"), "{refusal}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_calibration_is_scored_against_the_truth_and_only_what_was_claimed() {
+    let served = Served::at(1.0).await;
+    // The cell of the default configuration is mounted as drawn.
+    let drawn = Scenario::phantom(Spec::default()).unwrap().system_view();
+    let rotation = drawn.forceps_base_from_camera.rotation().into_inner();
+    let [x_mm, y_mm, z_mm] = drawn.forceps_base_from_camera.translation_mm().into();
+    let claim = |shift_mm: f64, w: f64| ScoreCalibrationRequest {
+        base_from_camera: Some(common::Pose {
+            rotation: Some(common::Quaternion {
+                w,
+                x: rotation.i,
+                y: rotation.j,
+                z: rotation.k,
+            }),
+            translation: Some(common::Point {
+                x_mm: x_mm + shift_mm,
+                y_mm,
+                z_mm,
+            }),
+        }),
+        ..Default::default()
+    };
+    let score = |request| {
+        let mut referee = served.referee();
+        async move { referee.score_calibration(request).await }
+    };
+    let right = score(claim(0.0, rotation.w)).await.unwrap().into_inner();
+    assert!(right.camera.unwrap().error_mm < 1e-9);
+    assert_eq!(right.tip, None);
+    let off = score(claim(3.0, rotation.w))
+        .await
+        .unwrap()
+        .into_inner()
+        .camera
+        .unwrap();
+    assert!((off.error_mm - 3.0).abs() < 1e-9 && (off.translation_error_mm - 3.0).abs() < 1e-9);
+    let refusal = score(claim(0.0, rotation.w + 1.0)).await.unwrap_err();
+    assert!(
+        refusal
+            .message()
+            .starts_with("base_from_camera.rotation: has norm"),
+        "{refusal}"
+    );
+    let tip = ScoreCalibrationRequest {
+        tip_in_flange: Some(common::Point {
+            z_mm: 312.0,
+            ..Default::default()
+        }),
+        ..Default::default()
+    };
+    let tip = score(tip).await.unwrap().into_inner();
+    assert!((tip.tip.unwrap().error_mm - 2.0).abs() < 1e-9);
+    assert_eq!(tip.camera, None);
 }

@@ -16,6 +16,9 @@ use crate::view::Seen;
 
 /// A pose that moves no point farther than this in a step rests, units.
 const RESTING_UNITS: f64 = 2e-4;
+/// A step turns by no more than this, rad: beyond it the linear model says nothing.
+const LARGEST_TURN_RAD: f64 = 0.3;
+
 /// Rotation, translation, logarithm of scale, acting on the carried points about the model's centre.
 pub(crate) type Step = SVector<f64, 7>;
 pub(crate) type Information = SMatrix<f64, 7, 7>;
@@ -137,26 +140,32 @@ fn step(
     } else {
         held_at((scale / pose.scale).ln(), &information, &gradient)?
     };
-    let turn = Rotation::from_scaled_axis(delta.fixed_rows::<3>(0).into_owned().cap_magnitude(0.2));
-    let shift: Vector3 = delta.fixed_rows::<3>(3).into_owned();
-    if !(shift.norm().is_finite() && scale > 0.0) {
+    if !(delta.iter().all(|value| value.is_finite()) && scale > 0.0) {
         return None;
     }
-    let next = Similarity::new(
+    let next = moved(pose, &delta, scale);
+    let step = next * pose.inverse();
+    let farthest_mm = contacts
+        .iter()
+        .step_by(contacts.len() / 16 + 1)
+        .map(|contact| (step * contact.carried - contact.carried).norm())
+        .fold(0.0, f64::max);
+    Some((next, farthest_mm))
+}
+
+/// The pose turned and shifted by `step` about the model's centre, its scale set to `scale`.
+pub(crate) fn moved(pose: &Pose, step: &Step, scale: f64) -> Pose {
+    let turn = step
+        .fixed_rows::<3>(0)
+        .into_owned()
+        .cap_magnitude(LARGEST_TURN_RAD);
+    let turn = Rotation::from_scaled_axis(turn);
+    let shift: Vector3 = step.fixed_rows::<3>(3).into_owned();
+    Similarity::new(
         scale,
         turn * pose.rotation,
         turn * pose.translation_mm + shift,
-    );
-    let stretch = scale / pose.scale;
-    let moved = contacts
-        .iter()
-        .step_by(contacts.len() / 16 + 1)
-        .map(|contact| {
-            let arm = contact.carried.coords - pose.translation_mm;
-            (turn * (pose.translation_mm + arm * stretch) + shift - contact.carried.coords).norm()
-        })
-        .fold(0.0, f64::max);
-    Some((next, moved))
+    )
 }
 
 /// The step with its logarithm of scale held at `stretch`: the other six are solved for.

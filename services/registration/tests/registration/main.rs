@@ -5,6 +5,7 @@
     reason = "a helper that fails fails its test"
 )]
 
+mod calibration;
 mod depth_cleaning;
 mod depth_cloud;
 mod depth_scene;

@@ -1,6 +1,6 @@
 //! The bodies of one arm as capsules: the links of a UR5, the drive unit of the instrument, the shaft.
 
-use arthro_geometry::frame::{Base, Flange, ForcepsBase};
+use arthro_geometry::frame::{Base, Flange, ForcepsBase, Tool};
 use arthro_geometry::{Point3, Rigid, Vector3};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
@@ -26,8 +26,8 @@ pub struct ArmBody {
 pub struct ArmShape {
     /// Where the arm stands.
     pub forceps_base_from_base: Rigid<ForcepsBase, Base>,
-    /// From the flange to the tip, mm.
-    pub shaft_length_mm: f64,
+    /// The tool as it is really mounted.
+    pub flange_from_tool: Rigid<Flange, Tool>,
     /// Radius of the shaft, mm.
     pub shaft_radius_mm: f64,
     /// How much of the shaft's end is a jaw, slimmer than the shaft and meant to reach below tissue, mm.
@@ -102,8 +102,8 @@ impl ArmShape {
         };
         let upper_arm = frames[1].rotation * z(UPPER_ARM_ASIDE_MM);
         let forearm = frames[1].rotation * z(FOREARM_ASIDE_MM);
-        let along = frames[6].rotation * Vector3::z();
-        let tip = at(6, z(self.shaft_length_mm));
+        let along = frames[6].rotation * self.flange_from_tool.direction(&Vector3::x());
+        let tip = at(6, self.flange_from_tool.translation_mm());
         ArmBody {
             forceps_base_from_flange: Rigid::from_isometry(frames[6]),
             tip,
@@ -142,12 +142,13 @@ impl Joint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenario::Layout;
 
     #[test]
     fn the_flange_is_where_the_nominal_kinematics_put_it() {
         let shape = ArmShape {
             forceps_base_from_base: Rigid::identity(),
-            shaft_length_mm: 310.0,
+            flange_from_tool: Layout::default().flange_from_tool(),
             shaft_radius_mm: 1.75,
             jaw_mm: 2.25,
         };
@@ -165,7 +166,7 @@ mod tests {
     fn an_arm_that_points_up_has_its_tubes_above_its_base() {
         let shape = ArmShape {
             forceps_base_from_base: Rigid::identity(),
-            shaft_length_mm: 310.0,
+            flange_from_tool: Layout::default().flange_from_tool(),
             shaft_radius_mm: 1.75,
             jaw_mm: 2.25,
         };

@@ -25,7 +25,7 @@ pub struct Score {
 impl Scenario {
     /// Where the model really is in the camera's frame.
     pub(crate) fn camera_from_ct(&self) -> Rigid<Camera, Ct> {
-        self.spec.layout.forceps_base_from_camera().inverse() * self.truth.forceps_base_from_ct
+        self.truth.mounted.forceps_base_from_camera.inverse() * self.truth.forceps_base_from_ct
     }
 
     /// Scores a claim.

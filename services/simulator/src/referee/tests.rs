@@ -3,7 +3,7 @@ use arthro_geometry::{Rigid, Similarity};
 
 use super::*;
 use crate::referee::body::ArmShape;
-use crate::scenario::{Scenario, Spec};
+use crate::scenario::{Layout, Scenario, Spec};
 
 fn scenario() -> Scenario {
     Scenario::phantom(Spec::default()).unwrap()
@@ -16,7 +16,7 @@ fn shaft(tip: Point3, from: Point3) -> ArmBody {
             arthro_geometry::Rotation::identity(),
             Vector3::new(from.x * 10.0, from.y * 10.0, 5000.0),
         ),
-        shaft_length_mm: 310.0,
+        flange_from_tool: Layout::default().flange_from_tool(),
         shaft_radius_mm: 1.75,
         jaw_mm: 2.25,
     };

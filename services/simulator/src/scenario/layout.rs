@@ -1,12 +1,17 @@
 //! Where things stand in the cell: arms, portals, camera and tray.
 
-use arthro_geometry::frame::{ArthroscopeBase, Camera, Flange, ForcepsBase, Tool};
+use arthro_geometry::frame::{ArthroscopeBase, Board, Camera, Flange, ForcepsBase, Tool};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use nalgebra::{Matrix3, Rotation3};
 use serde::{Deserialize, Serialize};
 
 use super::KneeFrame;
 use super::crescent::Crescent;
+use crate::calibration_board;
+
+/// The middle of the calibration board: beside the drive unit's axis and in front of the flange, mm.
+const BOARD_ASIDE_MM: f64 = 45.0;
+const BOARD_AHEAD_MM: f64 = 60.0;
 
 /// Where things stand, in the forceps arm's base unless said otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,6 +43,8 @@ pub struct Layout {
     pub tray_release_mm: f64,
     /// Direction of the forceps' shaft over the tray.
     pub tray_shaft: [f64; 3],
+    /// The divot at rest, mm.
+    pub divot_mm: [f64; 3],
     /// Joints that both arms start at, rad: forceps, arthroscope.
     pub start_joints_rad: [[f64; 6]; 2],
 }
@@ -87,6 +94,7 @@ impl Default for Layout {
             tray_half_mm: 60.0,
             tray_release_mm: 60.0,
             tray_shaft: [1.0, 0.0, -0.2],
+            divot_mm: [380.0, -240.0, 60.0],
             start_joints_rad: [
                 [0.479, -1.185, -2.041, 3.004, -1.102, -1.469],
                 [0.796, -1.456, -1.861, -3.148, -1.303, -1.522],
@@ -138,7 +146,18 @@ impl Layout {
         )
     }
 
-    /// Where the camera really is.
+    /// The calibration board on the drive unit of the forceps: its rows run along the shaft.
+    pub fn flange_from_board(&self) -> Rigid<Flange, Board> {
+        // The board's z looks away from the camera, to the drive unit that it is clamped to.
+        let axes = [Vector3::z(), -Vector3::x(), -Vector3::y()];
+        let rotation = Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+            Matrix3::from_columns(&axes),
+        ));
+        let middle = Vector3::new(0.0, BOARD_ASIDE_MM, BOARD_AHEAD_MM);
+        Rigid::new(rotation, middle - rotation * calibration_board::middle())
+    }
+
+    /// Where the camera is as drawn.
     pub fn forceps_base_from_camera(&self) -> Rigid<ForcepsBase, Camera> {
         let (tilt, side) = (
             self.camera_tilt_deg.to_radians(),

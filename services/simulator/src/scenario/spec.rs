@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use super::Layout;
+use super::{Layout, Mounting};
 use crate::Error;
 
 /// What a case is made from, beside the model.
@@ -25,6 +25,8 @@ pub struct Spec {
     pub camera: Intrinsics,
     /// Where things stand in the cell.
     pub layout: Layout,
+    /// How far from the layout things are really mounted.
+    pub mounting: Mounting,
 }
 
 /// Bounds of the displacement that the seed draws.
@@ -142,6 +144,8 @@ pub struct Intrinsics {
     pub subpixel_px: f64,
     /// Millimetres a depth unit.
     pub depth_unit_mm: f64,
+    /// Deviation of a corner of the calibration board, each axis, pixels.
+    pub corner_px: f64,
 }
 
 impl Default for Intrinsics {
@@ -153,7 +157,18 @@ impl Default for Intrinsics {
             baseline_mm: 50.0,
             subpixel_px: 0.08,
             depth_unit_mm: 0.1,
+            corner_px: 0.3,
         }
+    }
+}
+
+impl Intrinsics {
+    /// Column and row of the optical axis, pixels.
+    pub fn principal_point_px(&self) -> [f64; 2] {
+        [
+            0.5 * f64::from(self.width_px - 1),
+            0.5 * f64::from(self.height_px - 1),
+        ]
     }
 }
 
@@ -292,6 +307,13 @@ impl Spec {
             "0.01 .. 10 mm",
         )?;
         in_range(
+            "scenario.camera.corner_px",
+            self.camera.corner_px,
+            0.0..=5.0,
+            "0 .. 5 pixels",
+        )?;
+        self.mounting.checked()?;
+        in_range(
             "scenario.layout.camera_distance_mm",
             self.layout.camera_distance_mm,
             100.0..=2000.0,
@@ -307,7 +329,7 @@ impl Spec {
     }
 }
 
-fn in_range(
+pub(super) fn in_range(
     field: &'static str,
     value: f64,
     range: RangeInclusive<f64>,

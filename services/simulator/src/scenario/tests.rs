@@ -203,3 +203,63 @@ fn a_number_out_of_range_is_refused_by_name_value_and_limit() {
     let expected = "scenario.knee.voxel_mm is 0, must be 0.1 .. 1 mm";
     assert_eq!(refusal.to_string(), expected);
 }
+
+fn mounted_off(seed: u64, mounting: Mounting) -> Scenario {
+    let spec = Spec {
+        seed,
+        mounting,
+        ..Spec::default()
+    };
+    Scenario::phantom(spec).unwrap()
+}
+
+#[test]
+fn a_cell_is_mounted_as_drawn_unless_it_is_said_otherwise() {
+    let scenario = mounted_off(3, Mounting::default());
+    let (view, mounted) = (scenario.system_view(), &scenario.truth.mounted);
+    let camera = view.forceps_base_from_camera.inverse() * mounted.forceps_base_from_camera;
+    assert!(camera.translation_mm().norm() + camera.rotation().angle() < 1e-9);
+    assert_eq!(mounted.divot, view.divot_in_forceps_base);
+}
+
+#[test]
+fn an_uncalibrated_cell_is_off_its_drawing_and_has_the_same_knee() {
+    let drawn = mounted_off(3, Mounting::default());
+    let off = mounted_off(3, Mounting::uncalibrated());
+    assert_eq!(
+        off.truth.forceps_base_from_ct,
+        drawn.truth.forceps_base_from_ct
+    );
+    // What the services are told does not give the truth away.
+    assert_eq!(off.system_view(), drawn.system_view());
+    let (real, view) = (&off.truth.mounted, off.system_view());
+    let camera = view.forceps_base_from_camera.inverse() * real.forceps_base_from_camera;
+    assert!(
+        (1.0..20.0 * 3f64.sqrt()).contains(&camera.translation_mm().norm()),
+        "{camera:?}"
+    );
+    assert!(camera.rotation().angle().to_degrees() <= 4.0);
+    for tool in real.flange_from_tools {
+        let tip_mm = (tool.origin() - view.flange_from_tool.origin()).norm();
+        assert!((0.01..2.0 * 3f64.sqrt()).contains(&tip_mm), "{tip_mm}");
+    }
+    let other = mounted_off(4, Mounting::uncalibrated());
+    assert_ne!(other.truth.mounted.divot, real.divot);
+}
+
+#[test]
+fn a_mounting_out_of_range_is_refused_by_name() {
+    let mounting = Mounting {
+        tool_deg: 21.0,
+        ..Mounting::default()
+    };
+    let spec = Spec {
+        mounting,
+        ..Spec::default()
+    };
+    let refused = Scenario::phantom(spec).unwrap_err().to_string();
+    assert_eq!(
+        refused,
+        "scenario.mounting.tool_deg is 21, must be 0 .. 20 degrees"
+    );
+}

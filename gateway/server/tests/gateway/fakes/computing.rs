@@ -80,6 +80,20 @@ impl RegistrationService for Fake {
         ])))
     }
 
+    async fn solve_hand_eye(
+        &self,
+        _request: Request<registration::SolveHandEyeRequest>,
+    ) -> Result<Response<registration::SolveHandEyeResponse>, Status> {
+        Err(Status::unimplemented("the gateway does not calibrate"))
+    }
+
+    async fn solve_tool_tip(
+        &self,
+        _request: Request<registration::SolveToolTipRequest>,
+    ) -> Result<Response<registration::SolveToolTipResponse>, Status> {
+        Err(Status::unimplemented("the gateway does not calibrate"))
+    }
+
     type DeprojectDepthStream = Answers<registration::DeprojectDepthResponse>;
     async fn deproject_depth(
         &self,
