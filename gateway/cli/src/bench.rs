@@ -158,7 +158,7 @@ fn refine(case: &Case, index: usize) -> Result<Outcome, Failure> {
     );
     let (degrees, millimetres, log_scale) = START_OFF;
     let turn = Rotation::new(direction(index, 0) * degrees.to_radians());
-    let sign = if index % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = if index.is_multiple_of(2) { 1.0 } else { -1.0 };
     let scale = truth.scale * (sign * log_scale).exp();
     // About the middle of the source, so that each of the three is off by what is said and no more.
     let middle = truth * case.centroid + direction(index, 1) * (millimetres * truth.scale);

@@ -1,6 +1,11 @@
-//! Finds the pose of a preoperative model in what the camera sees: the paper's Super4PCS and scaled ICP, kept robust
-//! on partial views, and an honest verdict. [`pipeline::register`] is the whole of it without any server;
-//! [`depth::from_view`] makes the view from depth images.
+//! Where things are: the preoperative model in what the camera sees, the camera and the tool on their arms, the surface
+//! in a scan.
+//!
+//! - [`pipeline::register`] finds the model in a view at any scale and judges what it found, without any server. It
+//!   prepares a [`problem`] (a [`model`] and a [`view`]), searches it by the [`robust`] or the [`paper`] pipeline, gathers
+//!   the [`evidence`] and holds it to the [`gate`].
+//! - [`depth::from_view`] makes the view from depth images, [`mod@reconstruct`] the model from a scan.
+//! - [`calibration`] finds mountings and tool tips.
 
 pub mod budget;
 pub mod calibration;
