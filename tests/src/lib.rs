@@ -12,6 +12,7 @@
 
 pub mod case;
 pub mod cell;
+pub mod command;
 pub mod peers;
 
 pub use cell::Cell;

@@ -3,34 +3,12 @@
 
 use std::path::Path;
 
-use arthro_tests::cell::arthro;
+use arthro_tests::command::{answered, number};
 use serde_json::{Value, json};
-use tokio::process::Command;
 
 /// Exit code and last line of `arthro calibrate --json`.
 async fn calibrate(arguments: &[&str]) -> (i32, Value) {
-    let done = Command::new(arthro())
-        .args(["calibrate", "--json"])
-        .args(arguments)
-        .output()
-        .await
-        .expect("arthro runs");
-    let out = String::from_utf8_lossy(&done.stdout);
-    let last = out.lines().last().unwrap_or_default();
-    let value = serde_json::from_str(last).unwrap_or_else(|error| {
-        panic!(
-            "{arguments:?} printed {last:?}: {error}; {}",
-            String::from_utf8_lossy(&done.stderr)
-        )
-    });
-    (done.status.code().expect("it was not killed"), value)
-}
-
-fn number(value: &Value, path: &str) -> f64 {
-    value
-        .pointer(path)
-        .and_then(Value::as_f64)
-        .unwrap_or_else(|| panic!("{path} is no number in {value}"))
+    answered(&[&["calibrate"], arguments].concat()).await
 }
 
 fn path(path: &Path) -> &str {
@@ -83,7 +61,7 @@ async fn a_file_that_is_not_enough_or_not_right_is_refused() {
         (
             json!({"mounting": "beside_arm", "poses": [view(2.0)]}),
             3,
-            "INVALIDARGUMENT",
+            "INVALID_ARGUMENT",
         ),
         (
             json!({"mounting": "on_the_wall", "poses": []}),
