@@ -26,7 +26,7 @@ pub type Covariance = SMatrix<f64, 7, 7>;
 pub fn of(problem: &Problem, pose: &Pose) -> Option<Covariance> {
     let contacts = contacts(&problem.model, &problem.view.dense, pose);
     let weights = weights(&problem.model, &contacts, 0.0);
-    let (mut information, _) = equations(&contacts, &weights, pose);
+    let mut information = equations(&contacts, &weights, pose).information;
     let edge_mm = CLUSTER_UNITS * problem.model.unit_mm;
     let mut clusters: BTreeMap<[i32; 3], SVector<f64, 7>> = BTreeMap::new();
     for (contact, weight) in contacts

@@ -33,7 +33,6 @@ pub mod scale;
 pub mod scaled_icp;
 mod server;
 pub mod super4pcs;
-pub mod surface;
 pub mod view;
 pub mod visibility;
 

@@ -4,29 +4,21 @@
 //! Pairs go from the model to the view, source to target, as the paper states them; a partial view then draws the
 //! scale down to the clamp. What it finds is held to the same evidence as everything else.
 
+use arthro_geometry::Point3;
 use arthro_geometry::cloud::bounds;
-use arthro_geometry::{Point3, Similarity};
 use rayon::prelude::*;
 
 use crate::budget::Budget;
 use crate::error::Error;
 use crate::evidence;
-use crate::model::Model;
-use crate::neighbours::Neighbours;
-use crate::pipeline::Event;
-use crate::problem::{Candidate, Likeness, Pose, Problem};
-use crate::robust::refine::Iteration;
+use crate::pipeline::{Event, Iteration};
+use crate::problem::{Candidate, Likeness, Problem};
 use crate::scale::ScaleRange;
-use crate::scaled_icp::closed_form;
-use crate::super4pcs;
-use crate::surface::Surface;
+use crate::scaled_icp;
+use crate::super4pcs::{self, Thinned};
 
-/// Iterations of the fine stage.
-const ITERATIONS: u32 = 30;
 /// How far the fine stage's scale may be from the bounding boxes', as factors (section 2.3 of the paper).
 const CLAMP: [f64; 2] = [0.8, 1.2];
-/// Pairs farther apart than this do not count, units.
-const GATE_UNITS: f64 = 3.0;
 /// Poses of the coarse stage that are told apart, and those that are refined: the paper keeps one.
 const REFINED: usize = 1;
 const DISTINCT: Likeness = Likeness {
@@ -78,7 +70,7 @@ pub fn candidates(
                 state,
             });
         };
-        let pose = scaled_icp(problem, candidate.coarse, clamp, &mut state);
+        let pose = scaled_icp::refine(problem, candidate.coarse, clamp, &mut state);
         refined.push(problem.candidate(candidate.coarse, pose, &problem.view.dense));
     }
     Ok(refined)
@@ -107,8 +99,8 @@ fn coarse(
         scale,
         kept_per_base: KEPT_PER_BASE,
     };
-    let thin_model = Surface::new(&model.points, MODEL_POINTS);
-    let thin_view = Surface::new(&view.dense.points, VIEW_POINTS);
+    let thin_model = Thinned::new(&model.points, MODEL_POINTS);
+    let thin_view = Thinned::new(&view.dense.points, VIEW_POINTS);
     let found = super4pcs::search(&thin_model, model, &thin_view, &settings, seed);
     budget.check()?;
     let candidates: Vec<Candidate> = found
@@ -119,50 +111,4 @@ fn coarse(
         return Err(Error::NothingFound);
     }
     Ok(problem.distinct(candidates, 8, &DISTINCT))
-}
-
-/// Eq. 5-7: every model point with its nearest view point, the closed form of the similarity, again and again.
-fn scaled_icp(
-    problem: &Problem,
-    start: Pose,
-    clamp: ScaleRange,
-    state: &mut dyn FnMut(u32, Iteration),
-) -> Pose {
-    let Model {
-        points: model,
-        unit_mm,
-        ..
-    } = &problem.model;
-    let view = &problem.view.dense.points;
-    let tree = Neighbours::new(view);
-    let mut view_from_ct = start.inverse();
-    for iteration in 0..ITERATIONS {
-        let gate_mm = GATE_UNITS * unit_mm * view_from_ct.scale;
-        let pairs: Vec<(Point3, Point3)> = model
-            .par_iter()
-            .with_min_len(256)
-            .filter_map(|point| {
-                let near = tree.nearest_within(&(view_from_ct * *point), gate_mm * gate_mm)?;
-                Some((*point, view[near.index]))
-            })
-            .collect();
-        let squares = pairs
-            .iter()
-            .map(|(ct, camera)| (view_from_ct * *ct - camera).norm_squared());
-        let mse_view_mm2 = squares.sum::<f64>() / pairs.len().max(1) as f64;
-        state(
-            iteration,
-            Iteration {
-                mse_mm2: mse_view_mm2 / view_from_ct.scale.powi(2),
-                scale: view_from_ct.scale,
-            },
-        );
-        match closed_form(&pairs, clamp) {
-            Some(next) => {
-                view_from_ct = Similarity::new(next.scale, next.rotation, next.translation_mm)
-            }
-            None => break,
-        }
-    }
-    view_from_ct.inverse()
 }

@@ -12,7 +12,6 @@ use crate::evidence::{self, Evidence};
 use crate::gate::{self, Verdict};
 use crate::mse::mean_squared_error;
 use crate::problem::Problem;
-use crate::robust::refine::Iteration;
 use crate::scale::ScaleRange;
 use crate::{input, paper, robust};
 
@@ -91,6 +90,15 @@ pub enum Event {
         /// State before its step.
         state: Iteration,
     },
+}
+
+/// One iteration of the fine stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iteration {
+    /// Weighted mean squared distance of the points that count, mm2 of the model.
+    pub mse_mm2: f64,
+    /// Scale of camera_from_ct.
+    pub scale: f64,
 }
 
 /// The answer.

@@ -6,13 +6,14 @@ use rayon::prelude::*;
 use crate::budget::Budget;
 use crate::error::Error;
 use crate::evidence::{self, RIVAL, is_convincing};
-use crate::pipeline::Event;
+use crate::pipeline::{Event, Iteration};
 use crate::problem::{Candidate, Likeness, Pose, Problem};
 use crate::robust::kernel::Kernel;
 use crate::robust::search::Effort;
 use crate::scale::ScaleRange;
-use crate::view::Seen;
+use crate::view::{Seen, View};
 
+mod equations;
 mod kernel;
 pub mod refine;
 mod search;
@@ -79,15 +80,28 @@ const REFINED: Likeness = Likeness {
 /// Clearly other poses that are finished beside the best ones.
 const RIVALS: usize = 2;
 
-/// Residuals' deviation is taken as no less than this in the first step of each refinement, units.
-const FIRST_DEVIATION_UNITS: [f64; 2] = [0.5, 0.1];
-/// Most steps of each refinement.
-const STEPS: [u32; 2] = [14, 25];
+/// One refinement of the fine stage.
+#[derive(Clone, Copy, Debug)]
+struct Stage {
+    steps: u32,
+    /// Residuals' deviation is taken as no less than this in the first step, units.
+    first_deviation_units: f64,
+}
+
+/// On the medium view, from where the search left off; on the dense one, from there.
+const MEDIUM: Stage = Stage {
+    steps: 14,
+    first_deviation_units: 0.5,
+};
+const DENSE: Stage = Stage {
+    steps: 25,
+    first_deviation_units: 0.1,
+};
 
 /// Distinct finished candidates, best first.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::OutOfTime`] if time was up before anything was found.
+/// [`Error::Cancelled`]; [`Error::NothingFound`] if the view has no patch to begin from.
 pub fn candidates(
     problem: &Problem,
     progress: &mut (dyn FnMut(Event) + Send),
@@ -118,10 +132,10 @@ pub fn refined_from(problem: &Problem, start: Pose, budget: &Budget) -> Result<C
         pose: start,
         score: f64::INFINITY,
     }];
-    for (stage, seen) in [&problem.view.medium, &problem.view.dense]
-        .into_iter()
-        .enumerate()
-    {
+    for (stage, seen) in [
+        (&MEDIUM, &problem.view.medium),
+        (&DENSE, &problem.view.dense),
+    ] {
         candidates = refine_all(problem, candidates, seen, stage, &mut |_| {}, budget)?;
     }
     candidates.into_iter().next().ok_or(Error::NothingFound)
@@ -136,10 +150,10 @@ fn round(
     progress(Event::CoarseStarted);
     let searched = search_all_scales(problem, round, progress, budget)?;
     progress(Event::FineStarted);
-    let seen = [&problem.view.medium, &problem.view.dense];
-    let refined = refine_all(problem, searched, seen[0], 0, progress, budget)?;
+    let View { medium, dense, .. } = &problem.view;
+    let refined = refine_all(problem, searched, medium, &MEDIUM, progress, budget)?;
     let refined = finalists(problem, refined, round.finished);
-    let finished = refine_all(problem, refined, seen[1], 1, progress, budget)?;
+    let finished = refine_all(problem, refined, dense, &DENSE, progress, budget)?;
     Ok(problem.distinct(finished, usize::MAX, &REFINED))
 }
 
@@ -202,16 +216,16 @@ fn refine_all(
     problem: &Problem,
     candidates: Vec<Candidate>,
     seen: &Seen,
-    stage: usize,
+    stage: &Stage,
     progress: &mut (dyn FnMut(Event) + Send),
     budget: &Budget,
 ) -> Result<Vec<Candidate>, Error> {
     let settings = refine::Settings {
-        steps: STEPS[stage],
-        first_deviation_units: FIRST_DEVIATION_UNITS[stage],
+        steps: stage.steps,
+        first_deviation_units: stage.first_deviation_units,
         allowed: problem.allowed,
     };
-    let refined: Vec<(Candidate, Vec<refine::Iteration>)> = candidates
+    let refined: Vec<(Candidate, Vec<Iteration>)> = candidates
         .into_par_iter()
         .with_max_len(1)
         .map(|candidate| {

@@ -1,14 +1,73 @@
-//! The similarity between paired points in closed form, its scale clamped: Eq. 5-7 of the paper (Umeyama 1991).
+//! The paper's fine stage: iterative closest points with a clamped scale (Eq. 5-7).
+//!
+//! Pairs go from the model to the view, source to target, as the paper states them; a partial view then draws the scale
+//! down to the clamp.
 
 use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Point3, Rotation, Similarity, Vector3};
 use nalgebra::{Matrix3, Rotation3};
+use rayon::prelude::*;
 
+use crate::model::Model;
+use crate::neighbours::Neighbours;
+use crate::pipeline::Iteration;
+use crate::problem::{Pose, Problem};
 use crate::scale::ScaleRange;
+
+/// Iterations of the fine stage.
+const ITERATIONS: u32 = 30;
+/// Pairs farther apart than this do not count, units.
+const GATE_UNITS: f64 = 3.0;
+
+/// Eq. 5-7: every model point with its nearest view point, the closed form of the similarity, again and again.
+pub fn refine(
+    problem: &Problem,
+    start: Pose,
+    clamp: ScaleRange,
+    state: &mut dyn FnMut(u32, Iteration),
+) -> Pose {
+    let Model {
+        points: model,
+        unit_mm,
+        ..
+    } = &problem.model;
+    let view = &problem.view.dense.points;
+    let tree = Neighbours::new(view);
+    let mut view_from_ct = start.inverse();
+    for iteration in 0..ITERATIONS {
+        let gate_mm = GATE_UNITS * unit_mm * view_from_ct.scale;
+        let pairs: Vec<(Point3, Point3)> = model
+            .par_iter()
+            .with_min_len(256)
+            .filter_map(|point| {
+                let near = tree.nearest_within(&(view_from_ct * *point), gate_mm * gate_mm)?;
+                Some((*point, view[near.index]))
+            })
+            .collect();
+        let squares = pairs
+            .iter()
+            .map(|(ct, camera)| (view_from_ct * *ct - camera).norm_squared());
+        let mse_view_mm2 = squares.sum::<f64>() / pairs.len().max(1) as f64;
+        state(
+            iteration,
+            Iteration {
+                mse_mm2: mse_view_mm2 / view_from_ct.scale.powi(2),
+                scale: view_from_ct.scale,
+            },
+        );
+        match closed_form(&pairs, clamp) {
+            Some(next) => {
+                view_from_ct = Similarity::new(next.scale, next.rotation, next.translation_mm)
+            }
+            None => break,
+        }
+    }
+    view_from_ct.inverse()
+}
 
 /// The similarity that best maps each pair's first point (ct) onto its second (camera), scale clamped: Eq. 5-7.
 ///
-/// `None` if the pairs do not span a plane.
+/// Umeyama 1991. `None` if the pairs do not span a plane.
 pub fn closed_form(
     pairs: &[(Point3, Point3)],
     scale: ScaleRange,

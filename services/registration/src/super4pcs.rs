@@ -17,7 +17,9 @@ use crate::model::Model;
 use crate::problem::Pose;
 use crate::scale::ScaleRange;
 use crate::scaled_icp::closed_form;
-use crate::surface::Surface;
+pub use thinned::Thinned;
+
+mod thinned;
 
 /// How the congruent sets are searched.
 #[derive(Clone, Copy, Debug)]
@@ -45,9 +47,9 @@ pub struct Candidate {
 ///
 /// `model` is searched for congruent sets, `full_model` says how well a pose fits `view`.
 pub fn search(
-    model: &Surface,
+    model: &Thinned,
     full_model: &Model,
-    view: &Surface,
+    view: &Thinned,
     settings: &Settings,
     seed: u64,
 ) -> Vec<Candidate> {
@@ -83,7 +85,7 @@ const LEAST_RATIO: f64 = 0.15;
 
 impl Base {
     /// A wide triangle and the fourth point that lies best in its plane.
-    fn draw(view: &Surface, settings: &Settings, rng: &mut ChaCha8Rng) -> Option<Self> {
+    fn draw(view: &Thinned, settings: &Settings, rng: &mut ChaCha8Rng) -> Option<Self> {
         let count = view.points.len();
         let (mut widest, mut triangle) = (0.0, [0; 3]);
         for _ in 0..TRIANGLES_TRIED {
@@ -107,7 +109,7 @@ impl Base {
             .min_by(|x, y| x.gap_mm.total_cmp(&y.gap_mm))
     }
 
-    fn new(view: &Surface, quad: [usize; 4], scale: f64) -> Option<Self> {
+    fn new(view: &Thinned, quad: [usize; 4], scale: f64) -> Option<Self> {
         let view_points = quad.map(|i| view.points[i]);
         let points = view_points.map(|p| p / scale);
         let [a, b, c, d] = points;
@@ -126,9 +128,9 @@ impl Base {
 
     fn candidates(
         &self,
-        model: &Surface,
+        model: &Thinned,
         full_model: &Model,
-        view: &Surface,
+        view: &Thinned,
         settings: &Settings,
     ) -> Vec<Candidate> {
         let mut fits: Vec<(f64, Pose)> = self
@@ -173,7 +175,7 @@ impl Base {
     }
 
     /// Quadruples of model points congruent to the base within the tolerance.
-    fn congruent_sets(&self, model: &Surface, tolerance_mm: f64) -> Vec<[u32; 4]> {
+    fn congruent_sets(&self, model: &Thinned, tolerance_mm: f64) -> Vec<[u32; 4]> {
         let [a, b, c, d] = self.points;
         let first = self.pairs_like(model, 0, 1, tolerance_mm);
         let second = self.pairs_like(model, 2, 3, tolerance_mm);
@@ -231,7 +233,7 @@ impl Base {
     /// Ordered pairs of model points as far apart as base points `from` and `to`, whose normals lean alike.
     fn pairs_like(
         &self,
-        model: &Surface,
+        model: &Thinned,
         from: usize,
         to: usize,
         tolerance_mm: f64,

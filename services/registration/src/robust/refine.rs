@@ -6,10 +6,11 @@
 //! model's, a growing scale would shrink them all.
 
 use arthro_geometry::{Rotation, Similarity, Vector3};
-use nalgebra::{SMatrix, SVector};
 
+use super::equations::{Equations, Information, Step};
 use crate::contact::{Contact, contacts, weights};
 use crate::model::Model;
+use crate::pipeline::Iteration;
 use crate::problem::Pose;
 use crate::scale::ScaleRange;
 use crate::view::Seen;
@@ -18,10 +19,8 @@ use crate::view::Seen;
 const RESTING_UNITS: f64 = 2e-4;
 /// A step turns by no more than this, rad: beyond it the linear model says nothing.
 const LARGEST_TURN_RAD: f64 = 0.3;
-
-/// Rotation, translation, logarithm of scale, acting on the carried points about the model's centre.
-pub(crate) type Step = SVector<f64, 7>;
-pub(crate) type Information = SMatrix<f64, 7, 7>;
+/// Damping, as a share of the information: keeps a direction that nothing holds from running away.
+const DAMPING: f64 = 1e-7;
 
 /// How to refine.
 #[derive(Clone, Copy, Debug)]
@@ -38,15 +37,6 @@ pub(crate) struct Refined {
     pub(crate) pose: Pose,
     /// The state before each step.
     pub(crate) trace: Vec<Iteration>,
-}
-
-/// One iteration of the fine stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Iteration {
-    /// Weighted mean squared distance of the points that count, mm2 of the model.
-    pub mse_mm2: f64,
-    /// Scale of camera_from_ct.
-    pub scale: f64,
 }
 
 /// Refines `start` until it rests or the steps are used up.
@@ -104,19 +94,17 @@ pub(crate) fn jacobian(contact: &Contact, arm: &Vector3) -> Step {
 }
 
 /// Normal equations of the weighted contacts.
-pub(crate) fn equations(contacts: &[Contact], weights: &[f64], pose: &Pose) -> (Information, Step) {
-    let mut information = Information::zeros();
-    let mut gradient = Step::zeros();
+pub(crate) fn equations(contacts: &[Contact], weights: &[f64], pose: &Pose) -> Equations {
+    let mut equations = Equations::zeros();
     for (contact, weight) in contacts
         .iter()
         .zip(weights)
         .filter(|(_, weight)| **weight > 0.0)
     {
         let row = jacobian(contact, &(contact.carried.coords - pose.translation_mm));
-        information.ger(*weight, &row, &row, 1.0);
-        gradient.axpy(weight * contact.foot.height_mm, &row, 1.0);
+        equations.add(*weight, &row, contact.foot.height_mm);
     }
-    (information, gradient)
+    equations
 }
 
 /// The pose after one step, and how far it moves the points at most; `None` if the contacts do not determine it.
@@ -126,35 +114,22 @@ fn step(
     pose: &Pose,
     allowed: ScaleRange,
 ) -> Option<(Pose, f64)> {
-    let (mut information, gradient) = equations(contacts, weights, pose);
-    // A whiff of damping keeps a direction that nothing holds from running away.
-    let hold = 1e-7 * information.trace();
-    for i in 0..7 {
-        information[(i, i)] += hold;
-    }
-    let free = information.cholesky()?.solve(&-gradient);
-    let wanted = pose.scale * free[6].clamp(-0.1, 0.1).exp();
-    let scale = 1.0 / allowed.clamp(1.0 / wanted);
-    let delta = if (scale / wanted - 1.0).abs() < 1e-12 {
-        free
-    } else {
-        held_at((scale / pose.scale).ln(), &information, &gradient)?
-    };
-    if !(delta.iter().all(|value| value.is_finite()) && scale > 0.0) {
-        return None;
-    }
-    let next = moved(pose, &delta, scale);
-    let step = next * pose.inverse();
+    let mut equations = equations(contacts, weights, pose);
+    let damping = DAMPING * equations.information.trace();
+    equations.information += Information::from_diagonal_element(damping);
+    let (step, scale) = equations.solved(pose.scale, allowed)?;
+    let next = moved(pose, &step, scale);
+    let motion = next * pose.inverse();
     let farthest_mm = contacts
         .iter()
         .step_by(contacts.len() / 16 + 1)
-        .map(|contact| (step * contact.carried - contact.carried).norm())
+        .map(|contact| (motion * contact.carried - contact.carried).norm())
         .fold(0.0, f64::max);
     Some((next, farthest_mm))
 }
 
 /// The pose turned and shifted by `step` about the model's centre, its scale set to `scale`.
-pub(crate) fn moved(pose: &Pose, step: &Step, scale: f64) -> Pose {
+fn moved(pose: &Pose, step: &Step, scale: f64) -> Pose {
     let turn = step
         .fixed_rows::<3>(0)
         .into_owned()
@@ -166,14 +141,4 @@ pub(crate) fn moved(pose: &Pose, step: &Step, scale: f64) -> Pose {
         turn * pose.rotation,
         turn * pose.translation_mm + shift,
     )
-}
-
-/// The step with its logarithm of scale held at `stretch`: the other six are solved for.
-fn held_at(stretch: f64, information: &Information, gradient: &Step) -> Option<Step> {
-    let six = information.fixed_view::<6, 6>(0, 0).into_owned();
-    let right = -(gradient.fixed_rows::<6>(0) + information.fixed_view::<6, 1>(0, 6) * stretch);
-    let solved = six.cholesky()?.solve(&right);
-    Some(Step::from_fn(
-        |i, _| if i < 6 { solved[i] } else { stretch },
-    ))
 }

@@ -10,14 +10,14 @@ const NORMAL_SPACINGS: f64 = 2.2;
 
 /// Evenly spread points with normals whose signs are arbitrary.
 #[derive(Clone, Debug)]
-pub struct Surface {
+pub struct Thinned {
     /// Positions, mm.
     pub points: Vec<Point3>,
     /// Unit normals of `points`.
     pub normals: Vec<Vector3>,
 }
 
-impl Surface {
+impl Thinned {
     /// Thins `points` to at most `count` and fits normals.
     pub fn new(points: &[Point3], count: usize) -> Self {
         let points = sampling::spread(points, count);
