@@ -1,7 +1,7 @@
 //! The global search: a patch of the view laid on every part of the model, turned about its normal, at every scale;
 //! what fits best is drawn to the surface and settled on it.
 //!
-//! No feature is matched, since a meniscus has none. A hypothesis costs half a microsecond, so all of them are tried.
+//! No feature is matched, since a meniscus has none. A hypothesis costs a hundred look-ups, so all of them are tried.
 
 use arthro_geometry::{Point3, Rotation, Similarity, Vector3};
 use nalgebra::Unit;
