@@ -16,30 +16,38 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tonic::transport::Channel;
 
-/// A gateway on the state of one that was killed.
+/// Starts of a gateway before the killed one's hold on the journal must be gone.
+const STARTS: usize = 50;
+
+/// A gateway on the state of one that was killed. A killed process ends a moment after the signal was sent; until then
+/// its journal is in use, and a second gateway refuses to start.
 async fn restarted_gateway(cell: &Cell) -> (Child, ProcedureServiceClient<Channel>) {
-    let mut process = Command::new(arthro())
-        .args(["serve", "gateway", "--listen", "127.0.0.1:0", "--config"])
-        .arg(&cell.at.config)
-        .stdout(Stdio::piped())
-        .kill_on_drop(true)
-        .spawn()
-        .expect("the gateway starts");
-    let mut line = String::new();
-    let stdout = process.stdout.take().expect("standard output is piped");
-    BufReader::new(stdout)
-        .read_line(&mut line)
-        .await
-        .expect("the gateway announces its address");
-    let announced: serde_json::Value = serde_json::from_str(&line).expect("an announcement");
-    let address = format!(
-        "http://{}",
-        announced["address"].as_str().expect("an address")
-    );
-    let client = ProcedureServiceClient::connect(address)
-        .await
-        .expect("the gateway is reached");
-    (process, client)
+    for _ in 0..STARTS {
+        let mut process = Command::new(arthro())
+            .args(["serve", "gateway", "--listen", "127.0.0.1:0", "--config"])
+            .arg(&cell.at.config)
+            .stdout(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .expect("the gateway starts");
+        let mut line = String::new();
+        let stdout = process.stdout.take().expect("standard output is piped");
+        BufReader::new(stdout)
+            .read_line(&mut line)
+            .await
+            .expect("standard output is read");
+        if line.is_empty() {
+            process.wait().await.expect("the gateway ended");
+            continue;
+        }
+        let announced: serde_json::Value = serde_json::from_str(&line).expect("an announcement");
+        let address = announced["address"].as_str().expect("an address");
+        let client = ProcedureServiceClient::connect(format!("http://{address}"))
+            .await
+            .expect("the gateway is reached");
+        return (process, client);
+    }
+    panic!("the gateway did not start in {STARTS} tries");
 }
 
 /// Watches until `until` holds of the procedure.
