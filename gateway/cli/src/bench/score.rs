@@ -164,8 +164,9 @@ pub fn table(titles: &[&str], rows: &[Row]) -> String {
             ));
         };
         put("solved", &|f| format!("{}/{}", f.solved, f.cases));
-        put("median TRE, solved", &|f| {
-            format!("{:.3} mm", f.tre_median_mm)
+        put("median TRE, solved", &|f| match f.solved {
+            0 => "-".to_owned(),
+            _ => format!("{:.3} mm", f.tre_median_mm),
         });
         put("wrong accepted", &|f| f.wrong_accepted.to_string());
         put("solved accepted", &|f| f.solved_accepted.to_string());
