@@ -11,7 +11,7 @@ use crate::view::Seen;
 /// Residuals beyond this many standard deviations weigh nothing (Tukey's constant).
 const TUKEY: f64 = 4.685;
 /// A model point off by this, units, is usual: stairs of voxels that the fitted quadrics left.
-const MODEL_DEVIATION_UNITS: f64 = 0.15;
+pub const MODEL_DEVIATION_UNITS: f64 = 0.15;
 /// A surface seen flatter than this cosine tells little of its height.
 const GRAZING: f64 = 0.15;
 

@@ -5,7 +5,7 @@ use nalgebra::SMatrix;
 
 use crate::budget::Budget;
 use crate::cells::Cells;
-use crate::contact::contacts;
+use crate::contact::{MODEL_DEVIATION_UNITS, contacts};
 use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::gate;
@@ -24,8 +24,6 @@ pub const RIVAL: Likeness = Likeness {
     units: 3.0,
     log_scale: 0.1,
 };
-/// What the stairs of the voxels leave of a good fit, units.
-const MODEL_DEVIATION_UNITS: f64 = 0.15;
 /// How far the mirror's scale may be from the answer's.
 const MIRROR_TOLERANCE: f64 = 0.06;
 
@@ -38,9 +36,8 @@ pub struct Evidence {
     pub scale_deviation: f64,
     /// The scales that were allowed.
     pub allowed: ScaleRange,
-    /// Root mean square distance to the model's surface of the nearest nine tenths of the view.
-    pub trimmed_rms_mm: f64,
-    /// The same as a multiple of what the view's own noise and the model's stairs explain.
+    /// Root mean square distance to the model's surface of the nearest nine tenths of the view, as a multiple of what the
+    /// view's own noise and the stairs of the model's voxels explain.
     pub misfit: f64,
     /// Share of view points near the model's surface, 0..1.
     pub inlier_share: f64,
@@ -69,7 +66,6 @@ pub fn quick(problem: &Problem, ranked: &[Candidate]) -> Evidence {
         scale: 1.0 / best.pose.scale,
         scale_deviation: f64::INFINITY,
         allowed: problem.allowed,
-        trimmed_rms_mm,
         misfit: trimmed_rms_mm / usual_mm,
         inlier_share: inlier_share(problem, &residuals),
         overlap: overlap(problem, &best.pose),
@@ -82,7 +78,7 @@ pub fn quick(problem: &Problem, ranked: &[Candidate]) -> Evidence {
 }
 
 /// All figures of the best of `ranked`, and its covariance. `targets` are the points, about the model's centre, whose
-/// error matters; all of the model if there are none.
+/// error matters.
 pub fn whole(
     problem: &Problem,
     ranked: &[Candidate],
@@ -93,11 +89,6 @@ pub fn whole(
     let best = &ranked[0];
     let covariance = covariance::of(problem, &best.pose)
         .unwrap_or_else(|| SMatrix::from_diagonal_element(f64::INFINITY));
-    let targets = if targets.is_empty() {
-        &problem.model.points
-    } else {
-        targets
-    };
     evidence.tre_predicted_mm = covariance::predicted_tre_mm(&covariance, &best.pose, targets);
     evidence.scale_deviation = covariance[(6, 6)].max(0.0).sqrt();
     evidence.mirror = mirror(problem, best, budget)?;

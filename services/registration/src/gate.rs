@@ -127,7 +127,6 @@ mod tests {
             low: 0.98,
             high: 1.02,
         },
-        trimmed_rms_mm: 0.2,
         misfit: 0.9,
         inlier_share: 0.97,
         overlap: 0.5,

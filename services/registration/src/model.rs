@@ -1,8 +1,8 @@
 //! The preoperative surface made ready for matching: evenly spread samples, each with the quadric that fits its
 //! neighbourhood, and lattices that tell the nearest sample of any point at once.
 //!
-//! A cloud out of a segmented volume carries the stairs of its voxels. The fitted quadrics take them away: a height
-//! over the surface is good to a tenth of a voxel, where the nearest point is good to half of one.
+//! A cloud out of a segmented volume carries the stairs of its voxels. The fitted quadrics level them:
+//! a height over a quadric tells the surface, where the nearest point tells the stair.
 
 use arthro_geometry::{Cloud, Point3, Vector3};
 use nalgebra::Matrix3;
@@ -47,8 +47,6 @@ pub struct Model {
     pub spacing_mm: f64,
     /// The length that a distance is compared with, so that nothing depends on the size of the model: about 1 mm for a human meniscus.
     pub unit_mm: f64,
-    /// How far the cloud's points are off the fitted surface, root mean square.
-    pub roughness_mm: f64,
     wide: Lattice,
     close: Lattice,
 }
@@ -64,8 +62,6 @@ pub struct Foot {
     pub normal: Vector3,
     /// Squared distance to the surface, mm2: the height, and what the point lies beyond the sample's surroundings.
     pub distance2: f64,
-    /// Squared distance to the sample itself, mm2.
-    pub sample_distance2: f64,
 }
 
 impl Model {
@@ -109,7 +105,6 @@ impl Model {
             .map(|((point, normal), quadric)| point - normal * quadric.offset_mm)
             .collect();
         let fitted = quadric::fit_all(&sharpened, &normals, &cells, radius_mm, &is_outward);
-        let roughness_mm = root_mean_square(fitted.iter().map(|quadric| quadric.offset_mm));
         let mut model = Self {
             center,
             wide: Lattice::new(&[], 1.0, 0.0),
@@ -120,7 +115,6 @@ impl Model {
             is_outward,
             spacing_mm,
             unit_mm,
-            roughness_mm,
         };
         for quadric in fitted {
             model.points.push(quadric.point);
@@ -168,7 +162,6 @@ impl Model {
             height_mm,
             normal: (self.normals[index] - bent).normalize(),
             distance2: height_mm * height_mm + beyond * beyond,
-            sample_distance2,
         }
     }
 }

@@ -7,7 +7,7 @@ use arthro_geometry::{Cloud, Point3, Similarity};
 
 use crate::budget::Budget;
 use crate::covariance::Covariance;
-use crate::error::Error;
+use crate::error::{Error, Violation};
 use crate::evidence::{self, Evidence};
 use crate::gate::{self, Verdict};
 use crate::mse::mean_squared_error;
@@ -125,7 +125,7 @@ pub struct Registration {
 /// Registers `source`, the whole surface of the model in ct, to `target`, what the camera saw of it.
 ///
 /// # Errors
-/// [`Error::Invalid`] names every violation of [`input::check`]; [`Error::Cancelled`] once `budget` is cancelled;
+/// [`Error::Invalid`] names every violation of [`input::check`], or a target region beside the model; [`Error::Cancelled`] once `budget` is cancelled;
 /// [`Error::NothingFound`] if no pose can be formed at all.
 pub fn register(
     source: &Cloud,
@@ -137,12 +137,12 @@ pub fn register(
     input::check(source, target, options)?;
     let problem = Problem::new(source, target, options.viewpoint, options.scale);
     budget.check()?;
+    let targets = targets(&problem, options)?;
     let ranked = match options.method {
         Method::Robust => robust::candidates(&problem, progress, budget)?,
         Method::Paper => paper::candidates(&problem, options.seed, progress, budget)?,
     };
     let best = *ranked.first().ok_or(Error::NothingFound)?;
-    let targets = targets(&problem, options);
     let (evidence, covariance) = evidence::whole(&problem, &ranked, &targets, budget)?;
     let (verdict, reasons) = gate::judge(&evidence);
     Ok(Registration {
@@ -157,22 +157,27 @@ pub fn register(
     })
 }
 
-/// The model's samples in the target region, about the model's centre.
-fn targets(problem: &Problem, options: &Options) -> Vec<Point3> {
+/// The model's samples in the target region, or all of them, about the model's centre.
+fn targets(problem: &Problem, options: &Options) -> Result<Vec<Point3>, Error> {
+    let samples = problem.model.points.iter().copied();
     let Some((low, high)) = options.target_region else {
-        return Vec::new();
+        return Ok(samples.collect());
     };
-    let is_inside = |p: &Point3| {
-        let p = p + problem.model.center.coords;
-        p >= low && p <= high
-    };
-    problem
-        .model
-        .points
-        .iter()
-        .copied()
-        .filter(is_inside)
-        .collect()
+    let center = problem.model.center.coords;
+    let (low, high) = (low - center, high - center);
+    let inside: Vec<Point3> = samples
+        .filter(|p| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&p[axis])))
+        .collect();
+    if inside.is_empty() {
+        let (low, high) = (low + center, high + center);
+        return Err(Error::Invalid(vec![Violation::new(
+            "target_region",
+            format!(
+                "is {low} to {high} and holds nothing of the source, must hold some of its surface"
+            ),
+        )]));
+    }
+    Ok(inside)
 }
 
 /// Of every point of the target, in its order.

@@ -116,13 +116,18 @@ pub fn candidates(
     Ok(problem.distinct(all, usize::MAX, &REFINED))
 }
 
-/// The score of the best pose of the quick round, without events: for asking whether something else fits as well.
+/// The best pose of the quick round, without events: for asking whether something else fits as well. `None` if nothing
+/// fits at all.
 pub fn best_quickly(problem: &Problem, budget: &Budget) -> Result<Option<Candidate>, Error> {
-    let mut round = QUICK;
-    round.finished = 2;
-    Ok(self::round(problem, &round, &mut |_| {}, budget)?
-        .into_iter()
-        .next())
+    let quick = Round {
+        finished: 2,
+        ..QUICK
+    };
+    match round(problem, &quick, &mut |_| {}, budget) {
+        Ok(found) => Ok(found.into_iter().next()),
+        Err(Error::NothingFound) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 /// The fine stage alone, from a pose that is known roughly.

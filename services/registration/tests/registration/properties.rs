@@ -140,6 +140,44 @@ fn a_computation_in_a_hurry_answers_with_what_it_has() {
 }
 
 #[test]
+fn the_error_is_predicted_over_the_target_region_and_a_region_beside_the_model_is_refused() {
+    let (target, viewpoint) = view();
+    let predicted = |region: Option<(Point3, Point3)>| {
+        let options = Options {
+            viewpoint: Some(viewpoint),
+            target_region: region,
+            ..Options::default()
+        };
+        let found = register(
+            &crescent(),
+            &target,
+            &options,
+            &mut |_| {},
+            &Budget::default(),
+        );
+        found.map(|found| found.evidence.tre_predicted_mm)
+    };
+    let everywhere = predicted(Some((
+        Point3::new(-99.0, -99.0, -99.0),
+        Point3::new(99.0, 99.0, 99.0),
+    )));
+    assert_eq!(everywhere.unwrap(), predicted(None).unwrap());
+    let horn = predicted(Some((
+        Point3::new(5.0, -99.0, -99.0),
+        Point3::new(99.0, 99.0, 99.0),
+    )));
+    assert_ne!(horn.unwrap(), predicted(None).unwrap());
+    let beside = predicted(Some((
+        Point3::new(50.0, 0.0, 0.0),
+        Point3::new(60.0, 9.0, 9.0),
+    )));
+    let Err(Error::Invalid(violations)) = beside else {
+        panic!("accepted");
+    };
+    assert_eq!(violations[0].field, "target_region");
+}
+
+#[test]
 fn a_view_without_its_viewpoint_is_found_too() {
     let (target, _) = view();
     let found = solve(&target, &Options::default());
