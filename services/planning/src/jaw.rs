@@ -1,10 +1,16 @@
 //! The jaw of the forceps and what one bite cuts.
 //!
 //! A straight punch: it cuts the full thickness below a rectangle whose long axis lies along the
-//! shaft, which points from the portal to the bite.
+//! shaft, which points from the portal to the bite. Behind the rectangle, towards the portal, is the
+//! hinge: what stands in this throat keeps the jaw from closing around the tissue.
 
 use arthro_geometry::frame::Frame;
 use arthro_geometry::{Point3, Rigid, Vector3};
+
+use crate::error::Error;
+
+/// How far behind the jaw its hinge needs room, mm: an assumption, no maker states it.
+pub const DEFAULT_THROAT_MM: f64 = 1.0;
 
 /// The cutting rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +19,19 @@ pub struct Jaw {
     pub width_mm: f64,
     /// Along the shaft, mm. The tool's tip is the middle of the jaw.
     pub length_mm: f64,
+    /// How far behind the cutting rectangle, towards the portal, the hinge needs room, mm.
+    pub throat_mm: f64,
+}
+
+impl Jaw {
+    /// A jaw with the default throat.
+    pub fn new(width_mm: f64, length_mm: f64) -> Self {
+        Self {
+            width_mm,
+            length_mm,
+            throat_mm: DEFAULT_THROAT_MM,
+        }
+    }
 }
 
 /// One bite of the jaw.
@@ -47,6 +66,26 @@ impl Bite {
         })
     }
 
+    /// A bite of which only the middle of the jaw and its long axis are known: `axis` points out of
+    /// the portal into the joint, the jaw opens towards `superior` as far as the axis lets it. An axis
+    /// that is not finite or parallel to `superior` within 1 mrad is refused.
+    pub fn of_axis(center: Point3, axis: &Vector3, superior: &Vector3) -> Result<Self, Error> {
+        let refused = |problem: String| Error::invalid("bites.axis", problem);
+        let approach = axis
+            .try_normalize(1e-6)
+            .filter(|approach| approach.iter().all(|value| value.is_finite()))
+            .ok_or_else(|| refused(format!("has length {}; must be above 1e-6", axis.norm())))?;
+        let opening = (superior - approach * superior.dot(&approach))
+            .try_normalize(1e-3)
+            .ok_or_else(|| refused("is parallel to superior; must be 1 mrad or more off".into()))?;
+        Ok(Self {
+            center,
+            approach,
+            opening,
+            contour_point: center,
+        })
+    }
+
     /// The same bite in another frame.
     pub fn carried<A: Frame, B: Frame>(&self, a_from_b: &Rigid<A, B>) -> Self {
         Self {
@@ -75,6 +114,19 @@ impl Bite {
             half_width_mm: 0.5 * jaw.width_mm,
         }
     }
+
+    /// Where the jaw's hinge needs room for this bite.
+    pub fn throat(&self, jaw: &Jaw) -> Throat {
+        let behind_mm = 0.5 * (jaw.length_mm + jaw.throat_mm);
+        Throat {
+            center: self.center - self.approach * behind_mm,
+            along: self.approach,
+            across: self.opening.cross(&self.approach),
+            opening: self.opening,
+            length_mm: jaw.throat_mm,
+            width_mm: jaw.width_mm,
+        }
+    }
 }
 
 /// The prism that one bite cuts, without end along the opening direction.
@@ -95,17 +147,52 @@ impl Cut {
             && offset.dot(&self.across).abs() <= self.half_width_mm
     }
 
+    /// The middle of the jaw, mm.
+    pub fn center(&self) -> &Point3 {
+        &self.center
+    }
+
     /// How far in the plane (z up) the prism reaches from its center at heights within `height_mm`
     /// of it, mm.
     pub fn reach_mm(&self, height_mm: f64) -> f64 {
-        let flat = self.along.xy().norm().max(1e-3);
-        self.half_length_mm.hypot(self.half_width_mm) / flat + height_mm * self.along.z.abs() / flat
+        // A plane across z cuts the prism in a parallelogram that is stretched by the tilt of its
+        // edges and moves along them with the height.
+        let opening = self.along.cross(&self.across);
+        let upright = opening.z.abs().max(1e-3);
+        let corner_mm = self.half_length_mm.hypot(self.half_width_mm);
+        (corner_mm + height_mm * opening.xy().norm()) / upright
     }
 
     /// Half the extent of the rectangle in a direction of the plane, mm.
     pub fn support_mm(&self, direction: &Vector3) -> f64 {
         self.half_length_mm * self.along.dot(direction).abs()
             + self.half_width_mm * self.across.dot(direction).abs()
+    }
+}
+
+/// The rectangle behind the jaw that its hinge needs, without end along the opening direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Throat {
+    center: Point3,
+    along: Vector3,
+    across: Vector3,
+    /// Unit direction along which the throat has no end.
+    pub opening: Vector3,
+    length_mm: f64,
+    width_mm: f64,
+}
+
+impl Throat {
+    /// The middles of equal cells of the footprint, none longer or wider than `spacing_mm`.
+    pub fn footprint(&self, spacing_mm: f64) -> impl Iterator<Item = Point3> + '_ {
+        let cells = |extent_mm: f64| ((extent_mm / spacing_mm).ceil() as usize).max(1);
+        let (rows, columns) = (cells(self.length_mm), cells(self.width_mm));
+        let middle = |cell: usize, cells: usize| (cell as f64 + 0.5) / cells as f64 - 0.5;
+        (0..rows * columns).map(move |cell| {
+            let back_mm = self.length_mm * middle(cell / columns, rows);
+            let side_mm = self.width_mm * middle(cell % columns, columns);
+            self.center + self.along * back_mm + self.across * side_mm
+        })
     }
 }
 
@@ -116,6 +203,7 @@ mod tests {
     const JAW: Jaw = Jaw {
         width_mm: 3.0,
         length_mm: 4.5,
+        throat_mm: 1.0,
     };
 
     #[test]
@@ -140,5 +228,68 @@ mod tests {
             Bite::through(&above, Point3::origin(), &Vector3::z(), Point3::origin()),
             None
         );
+    }
+
+    #[test]
+    fn a_bite_of_an_axis_is_the_bite_through_a_portal_on_it() {
+        let portal = Point3::new(-50.0, 20.0, 10.0);
+        let center = Point3::new(1.0, 2.0, 3.0);
+        let through = Bite::through(&portal, center, &Vector3::z(), center).unwrap();
+        let of_axis = Bite::of_axis(center, &((center - portal) * 7.0), &Vector3::z()).unwrap();
+        assert!((through.approach - of_axis.approach).norm() < 1e-12);
+        assert!((through.opening - of_axis.opening).norm() < 1e-12);
+    }
+
+    #[test]
+    fn an_axis_that_shows_no_opening_is_refused() {
+        for axis in [
+            Vector3::z(),
+            -Vector3::z(),
+            Vector3::zeros(),
+            Vector3::new(f64::NAN, 1.0, 0.0),
+            Vector3::new(f64::INFINITY, 1.0, 0.0),
+        ] {
+            let refused = Bite::of_axis(Point3::origin(), &axis, &Vector3::z());
+            assert!(matches!(refused, Err(Error::Invalid { .. })), "{axis}");
+        }
+    }
+
+    #[test]
+    fn the_throat_begins_where_the_cut_ends_towards_the_portal() {
+        let portal = Point3::new(-50.0, 0.0, 10.0);
+        let bite =
+            Bite::through(&portal, Point3::origin(), &Vector3::z(), Point3::origin()).unwrap();
+        let cut = bite.cut(&JAW);
+        let footprint: Vec<Point3> = bite.throat(&JAW).footprint(0.3).collect();
+        assert_eq!(footprint.len(), 40);
+        for point in footprint {
+            let back_mm = -(point - bite.center).dot(&bite.approach);
+            assert!((2.25..=3.25).contains(&back_mm), "{back_mm} mm");
+            assert!(!cut.contains(&point));
+            assert!(cut.contains(&(point + bite.approach)));
+        }
+    }
+
+    #[test]
+    fn nothing_the_prism_holds_is_beyond_its_reach() {
+        let bite = Bite::of_axis(
+            Point3::origin(),
+            &Vector3::new(2.0, 1.0, -1.0),
+            &Vector3::z(),
+        );
+        let bite = bite.unwrap();
+        let cut = bite.cut(&JAW);
+        let reach_mm = cut.reach_mm(4.0);
+        let mut farthest_mm = 0f64;
+        for step in 0..200_000 {
+            let at = |stride: usize, extent_mm: f64| {
+                (step * stride % 20_011) as f64 / 20_011.0 * 2.0 * extent_mm - extent_mm
+            };
+            let point = Point3::new(at(7, 9.0), at(1009, 9.0), at(12_007, 4.0));
+            if cut.contains(&point) {
+                farthest_mm = farthest_mm.max(point.xy().coords.norm());
+            }
+        }
+        assert!(farthest_mm <= reach_mm && farthest_mm > 0.7 * reach_mm);
     }
 }

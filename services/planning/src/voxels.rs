@@ -76,6 +76,50 @@ impl Voxels {
         self.reach_mm
     }
 
+    /// Index of the voxel of tissue that holds a point.
+    pub fn at(&self, point: &Point3) -> Option<usize> {
+        let cell = self.solid.grid.cell_at(point)?;
+        if !self.solid.is_inside(cell) {
+            return None;
+        }
+        let column = cell[1] * self.solid.grid.size[0] + cell[0];
+        let voxels = self.columns[column]..self.columns[column + 1];
+        let height_mm = self.solid.grid.center(cell).z - 0.5 * self.voxel_mm();
+        let below = self.centers[voxels.clone()].partition_point(|center| center.z < height_mm);
+        Some(voxels.start + below)
+    }
+
+    /// Indices of the voxels that an endless line meets, looked at every quarter of a voxel, so that
+    /// a voxel comes as often as its share of the line.
+    pub fn on_line(
+        &self,
+        through: &Point3,
+        direction: &Vector3,
+    ) -> impl Iterator<Item = usize> + '_ {
+        let grid = &self.solid.grid;
+        let (mut from_mm, mut to_mm) = (f64::NEG_INFINITY, f64::INFINITY);
+        for axis in 0..3 {
+            let end_mm = grid.size[axis] as f64 * grid.voxel_mm;
+            let offset_mm = grid.origin[axis] - through[axis];
+            let (a, b) = (
+                (offset_mm - grid.voxel_mm) / direction[axis],
+                (offset_mm + end_mm) / direction[axis],
+            );
+            // A line along the grid has no bound here: 0 / 0 is NaN, which min and max pass over.
+            from_mm = from_mm.max(a.min(b));
+            to_mm = to_mm.min(a.max(b));
+        }
+        let step_mm = 0.25 * grid.voxel_mm;
+        // A direction of no length bounds nothing and meets nothing.
+        let steps = Some(((to_mm - from_mm) / step_mm).ceil())
+            .filter(|steps| steps.is_finite())
+            .map_or(0, |steps| steps.max(0.0) as usize);
+        let (through, direction) = (*through, *direction);
+        (0..steps).filter_map(move |step| {
+            self.at(&(through + direction * (from_mm + step as f64 * step_mm)))
+        })
+    }
+
     /// Distance of a point to the nearest voxel of tissue as far as `limit_mm`; 0 inside.
     pub fn distance_mm(&self, point: &Point3, limit_mm: f64) -> Option<f64> {
         let grid = &self.solid.grid;
@@ -186,5 +230,31 @@ mod tests {
         assert!((distance_mm - 0.8).abs() < 0.4, "{distance_mm} mm");
         assert_eq!(voxels.distance_mm(&Point3::origin(), 1.0), None);
         assert_eq!(voxels.distance_mm(&Point3::new(1e9, 0.0, 0.0), 1.0), None);
+    }
+
+    #[test]
+    fn every_voxel_is_found_at_its_centre() {
+        let (_, voxels) = phantom_voxels();
+        for (index, center) in voxels.centers().iter().enumerate() {
+            let beside = center + Vector3::new(0.24, -0.24, 0.24);
+            assert_eq!(voxels.at(center), Some(index));
+            assert_eq!(voxels.at(&beside), Some(index));
+        }
+        assert_eq!(voxels.at(&Point3::origin()), None);
+    }
+
+    #[test]
+    fn an_upright_line_meets_its_column_in_equal_shares() {
+        let (_, voxels) = phantom_voxels();
+        let through = voxels.centers()[voxels.centers().len() / 2] - Vector3::z() * 100.0;
+        let met: Vec<usize> = voxels.on_line(&through, &Vector3::z()).collect();
+        let mut column: Vec<usize> = voxels.near(through.x, through.y, 0.2).collect();
+        column = column.iter().flat_map(|&voxel| [voxel; 4]).collect();
+        assert_eq!(met, column);
+        for nowhere in [Vector3::zeros(), Vector3::repeat(f64::NAN)] {
+            assert_eq!(voxels.on_line(&through, &nowhere).count(), 0);
+        }
+        let beside = Point3::new(500.0, 0.0, 0.0);
+        assert_eq!(voxels.on_line(&beside, &Vector3::z()).count(), 0);
     }
 }

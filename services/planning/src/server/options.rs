@@ -250,10 +250,7 @@ impl Check {
         });
         self.within("options.jaw.width_mm", jaw.width_mm, JAW_WIDTH_MM);
         self.within("options.jaw.length_mm", jaw.length_mm, JAW_LENGTH_MM);
-        Jaw {
-            width_mm: jaw.width_mm,
-            length_mm: jaw.length_mm,
-        }
+        Jaw::new(jaw.width_mm, jaw.length_mm)
     }
 
     fn bites(&mut self, bites: &[proto::Bite]) -> Vec<Bite> {

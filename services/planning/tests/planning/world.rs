@@ -24,10 +24,7 @@ pub fn papers_case() -> Request {
         goal: phantom::GOAL,
         target_box: phantom::TARGET_BOX,
         portal: phantom::PORTAL_ANTEROLATERAL,
-        jaw: Jaw {
-            width_mm: 3.0,
-            length_mm: 4.5,
-        },
+        jaw: Jaw::new(3.0, 4.5),
         voxel_mm: 0.5,
         rim_min_mm: 3.0,
         search: Search {
