@@ -87,6 +87,41 @@ pub enum Error {
         /// Volume of the region, mm3.
         region_mm3: f64,
     },
+    /// Tissue that stays whatever is bitten: no bite that keeps box, rim and reach meets it, or the
+    /// throat of every such bite stays blocked.
+    #[error(
+        "{residual_mm3:.1} mm3 of the region around ({:.1}, {:.1}, {:.1}) mm stay whatever is bitten, the limit is {allowed_mm3:.1} mm3; {blocked_mm3:.1} mm3 of them because the jaw's throat stays blocked",
+        at.x, at.y, at.z
+    )]
+    UnreachableTissue {
+        /// What stays, mm3.
+        residual_mm3: f64,
+        /// What may stay, mm3.
+        allowed_mm3: f64,
+        /// Part of what stays for the sake of the throat, mm3.
+        blocked_mm3: f64,
+        /// Its middle, in ct, mm.
+        at: Point3,
+    },
+    /// No set of bites was found that clears the region and spares what lies outside it.
+    #[error(
+        "no bites were found that leave at most {allowed_mm3:.1} mm3 of the region and take at most {outside_limit_mm3:.1} mm3 outside it: the closest {bites} leave {residual_mm3:.1} mm3 around ({:.1}, {:.1}, {:.1}) mm and take {outside_mm3:.1} mm3",
+        at.x, at.y, at.z
+    )]
+    RegionNotCleared {
+        /// How many bites the closest set has.
+        bites: usize,
+        /// What it leaves of the region, mm3.
+        residual_mm3: f64,
+        /// What may be left, mm3.
+        allowed_mm3: f64,
+        /// What it takes outside, mm3.
+        outside_mm3: f64,
+        /// What may be taken, mm3.
+        outside_limit_mm3: f64,
+        /// Middle of what is left, in ct, mm.
+        at: Point3,
+    },
     /// The caller went away.
     #[error("the caller went away")]
     Cancelled,
@@ -178,6 +213,44 @@ impl From<Error> for Status {
             Error::NoBite { region_mm3 } => {
                 status::refused("NO_BITE", message, &[("region_mm3", mm(region_mm3))])
             }
+            Error::UnreachableTissue {
+                residual_mm3,
+                allowed_mm3,
+                blocked_mm3,
+                at,
+            } => status::refused(
+                "UNREACHABLE_TISSUE",
+                message,
+                &[
+                    ("residual_mm3", mm(residual_mm3)),
+                    ("allowed_mm3", mm(allowed_mm3)),
+                    ("blocked_mm3", mm(blocked_mm3)),
+                    ("x_mm", mm(at.x)),
+                    ("y_mm", mm(at.y)),
+                    ("z_mm", mm(at.z)),
+                ],
+            ),
+            Error::RegionNotCleared {
+                bites,
+                residual_mm3,
+                allowed_mm3,
+                outside_mm3,
+                outside_limit_mm3,
+                at,
+            } => status::refused(
+                "REGION_NOT_CLEARED",
+                message,
+                &[
+                    ("bites", bites.to_string()),
+                    ("residual_mm3", mm(residual_mm3)),
+                    ("allowed_mm3", mm(allowed_mm3)),
+                    ("outside_mm3", mm(outside_mm3)),
+                    ("outside_limit_mm3", mm(outside_limit_mm3)),
+                    ("x_mm", mm(at.x)),
+                    ("y_mm", mm(at.y)),
+                    ("z_mm", mm(at.z)),
+                ],
+            ),
             Error::Cancelled => Status::cancelled(message),
         }
     }

@@ -1,0 +1,201 @@
+//! The bites to choose from: jaw poses on a grid over the region, through every portal.
+//!
+//! The shaft passes the portal, so that the place of the jaw fixes its long axis; the forceps turn
+//! about the shaft until the jaw opens towards superior, and the jaw stands in the middle of the
+//! height of the tissue that it cuts. A pose that cuts the rim that must be left or takes more than
+//! [`MAX_OUTSIDE_MM3`] outside the region is not offered, nor is one that the shaft cannot reach.
+
+use std::f64::consts::TAU;
+
+use arthro_geometry::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::Access;
+use crate::error::Error;
+use crate::evaluation::Task;
+use crate::jaw::{Bite, Cut};
+use crate::tissue::{cut_voxels, throat_weights};
+
+/// The planned place and the directions in which an executed bite may lie off.
+pub(super) const DISPLACEMENTS: usize = 9;
+/// Distance between two poses, mm.
+const GRID_MM: f64 = 0.2;
+/// The most that one bite may take outside the region, mm3: half a millimetre along one of its edges.
+const MAX_OUTSIDE_MM3: f64 = 3.0;
+/// The least of the region that makes a bite worth considering, mm3.
+const MIN_REGION_MM3: f64 = 0.8;
+/// How far over the contour a bite may go where the rim is thin already, mm.
+const THIN_RIM_OVERCUT_MM: f64 = 0.1;
+/// Rows of poses between two reports.
+const REPORT_EVERY: usize = 8;
+
+/// A jaw pose and what it would cut.
+#[derive(Clone, Debug)]
+pub(super) struct Pose {
+    pub(super) bite: Bite,
+    /// Through which portal the forceps come.
+    pub(super) portal: usize,
+    /// Place on the grid of poses.
+    pub(super) cell: [i32; 2],
+    /// Voxels that it cuts, ascending.
+    pub(super) cut: Vec<u32>,
+    /// Voxels in its throat and the share of it that each blocks.
+    pub(super) throat: Vec<(u32, f64)>,
+    /// Voxels of the lesion, and a bit for each displacement under which the bite covers them.
+    pub(super) lesion: Vec<(u32, u32)>,
+}
+
+/// All poses for a region.
+pub(super) fn over(
+    task: &Task<'_>,
+    region: &[bool],
+    access: &Access<'_>,
+    mut watch: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<Vec<Pose>, Error> {
+    let ground = Ground::of(task, region, access);
+    let [low, high] = ground.cells();
+    let rows: Vec<i32> = (low[0]..=high[0]).collect();
+    let mut poses = Vec::new();
+    for (done, rows) in rows.chunks(REPORT_EVERY).enumerate() {
+        let share = (done * REPORT_EVERY) as f64 / f64::from(high[0] - low[0] + 1);
+        watch(share)?;
+        let row = |i: &i32| -> Vec<Pose> {
+            let cells = (low[1]..=high[1]).map(|j| [*i, j]);
+            cells.flat_map(|cell| ground.at(cell)).collect()
+        };
+        // Collected in the order of the rows, whichever thread is done first.
+        poses.extend(
+            rows.par_iter()
+                .map(row)
+                .collect::<Vec<_>>()
+                .into_iter()
+                .flatten(),
+        );
+    }
+    Ok(poses)
+}
+
+/// What poses are measured on.
+struct Ground<'a> {
+    task: &'a Task<'a>,
+    access: &'a Access<'a>,
+    region: &'a [bool],
+    /// Voxels of the rim that must be left.
+    untouchable: Vec<bool>,
+}
+
+impl<'a> Ground<'a> {
+    fn of(task: &'a Task<'a>, region: &'a [bool], access: &'a Access<'a>) -> Self {
+        Self {
+            task,
+            access,
+            region,
+            untouchable: untouchable(task, access.rim_min_mm),
+        }
+    }
+
+    /// Lowest and highest cell from which a jaw meets the region.
+    fn cells(&self) -> [[i32; 2]; 2] {
+        let task = self.task;
+        let reach_mm = 0.5 * task.jaw.length_mm.hypot(task.jaw.width_mm);
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let inside = task.voxels.centers().iter().zip(self.region);
+        for (center, _) in inside.filter(|(_, inside)| **inside) {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(center[axis] - reach_mm);
+                high[axis] = high[axis].max(center[axis] + reach_mm);
+            }
+        }
+        [
+            low.map(|value| (value / GRID_MM).ceil() as i32),
+            high.map(|value| (value / GRID_MM).floor() as i32),
+        ]
+    }
+
+    fn at(&self, cell: [i32; 2]) -> impl Iterator<Item = Pose> {
+        let portals = 0..self.access.portals.len();
+        portals.filter_map(move |portal| self.pose(cell, portal))
+    }
+
+    fn pose(&self, cell: [i32; 2], portal: usize) -> Option<Pose> {
+        let Task { voxels, jaw, .. } = self.task;
+        let [x, y] = cell.map(|count| f64::from(count) * GRID_MM);
+        let (_, sought) = self.bite(portal, Point3::new(x, y, 0.0))?;
+        let height_mm = self.middle_mm(&sought)?;
+        let (bite, cut) = self.bite(portal, Point3::new(x, y, height_mm))?;
+        let mm3 = |count: usize| count as f64 * voxels.voxel_mm3();
+        let inside = cut.iter().filter(|voxel| self.region[**voxel as usize]);
+        let inside = inside.count();
+        if mm3(inside) < MIN_REGION_MM3
+            || mm3(cut.len() - inside) > MAX_OUTSIDE_MM3
+            || cut.iter().any(|voxel| self.untouchable[*voxel as usize])
+            || !(self.access.allowed)(portal, &bite)
+        {
+            return None;
+        }
+        Some(Pose {
+            portal,
+            cell,
+            throat: throat_weights(&bite.throat(jaw), voxels),
+            lesion: self.lesion_cut(&bite),
+            cut,
+            bite,
+        })
+    }
+
+    fn bite(&self, portal: usize, center: Point3) -> Option<(Bite, Vec<u32>)> {
+        let portal = &self.access.portals[portal];
+        let bite = Bite::through(portal, center, &Vector3::z(), center)?;
+        let cut = cut_voxels(&bite.cut(&self.task.jaw), self.task.voxels);
+        Some((bite, cut))
+    }
+
+    /// Mean height of voxels; `None` if there are none in the region.
+    fn middle_mm(&self, cut: &[u32]) -> Option<f64> {
+        cut.iter().find(|voxel| self.region[**voxel as usize])?;
+        let heights = cut
+            .iter()
+            .map(|voxel| self.task.voxels.centers()[*voxel as usize].z);
+        Some(heights.sum::<f64>() / cut.len() as f64)
+    }
+
+    fn lesion_cut(&self, bite: &Bite) -> Vec<(u32, u32)> {
+        let Task {
+            voxels,
+            jaw,
+            lesion,
+            ..
+        } = self.task;
+        let error_mm = self.access.placement_error_mm;
+        let ways: [Cut; DISPLACEMENTS] = std::array::from_fn(|way| {
+            let angle = TAU * way as f64 / (DISPLACEMENTS - 1) as f64;
+            let length_mm = if way == 0 { 0.0 } else { error_mm };
+            let by = Vector3::new(angle.cos(), angle.sin(), 0.0) * length_mm;
+            bite.displaced(&by).cut(jaw)
+        });
+        let reach_mm = ways[0].reach_mm(voxels.reach_mm() + bite.center.z.abs()) + error_mm;
+        let near = voxels.near(bite.center.x, bite.center.y, reach_mm);
+        let hits = near.filter(|&voxel| lesion.marks[voxel]).map(|voxel| {
+            let center = &voxels.centers()[voxel];
+            let covering = |(way, cut): (usize, &Cut)| u32::from(cut.contains(center)) << way;
+            (voxel as u32, ways.iter().enumerate().map(covering).sum())
+        });
+        hits.filter(|(_, ways)| *ways != 0).collect()
+    }
+}
+
+/// Voxels of the rim that must be left.
+fn untouchable(task: &Task<'_>, rim_min_mm: f64) -> Vec<bool> {
+    let is_rim = |center: &Point3| {
+        let angle_rad = task.crescent.angle_rad(center);
+        let radius_mm = center.xy().coords.norm();
+        let contour_mm = task.band.and_then(|band| band.radius_mm(angle_rad));
+        let left_mm = task
+            .crescent
+            .rim_mm(angle_rad)
+            .map(|rim_mm| rim_mm - radius_mm);
+        left_mm.is_none_or(|left_mm| left_mm < rim_min_mm)
+            && contour_mm.is_none_or(|contour_mm| radius_mm > contour_mm + THIN_RIM_OVERCUT_MM)
+    };
+    task.voxels.centers().iter().map(is_rim).collect()
+}

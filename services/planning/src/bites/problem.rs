@@ -1,0 +1,184 @@
+//! The choice of bites in whole numbers: which voxels count, how many of them must go, which bites
+//! there are to choose from.
+
+use super::Rules;
+use super::poses::{DISPLACEMENTS, Pose};
+use crate::evaluation::Task;
+use crate::jaw::Bite;
+
+/// A whole throat; in integers sums do not depend on their order.
+pub(super) const WHOLE_THROAT: u32 = 1 << 16;
+/// Share of the lesion that has to be covered when the bites lie off.
+const DISPLACED_SHARE: f64 = 0.98;
+
+/// What has to be chosen from what.
+#[derive(Debug)]
+pub(super) struct Problem {
+    /// How many voxels some candidate cuts: those of the region first, then the others.
+    pub(super) voxels: usize,
+    /// How many of these belong to the region.
+    pub(super) region: usize,
+    /// How many of the region have to go.
+    pub(super) region_needed: usize,
+    /// Places of the lesion: each of its voxels where it is, and displaced.
+    pub(super) places: usize,
+    /// The first places are the lesion where it is.
+    pub(super) undisplaced: usize,
+    /// How many of these have to go.
+    pub(super) undisplaced_needed: usize,
+    /// How many of the others have to go.
+    pub(super) displaced_needed: usize,
+    /// How many voxels outside the region may go.
+    pub(super) outside_limit: usize,
+    /// How much of a throat may be blocked.
+    pub(super) throat_limit: u32,
+    pub(super) candidates: Vec<Candidate>,
+    /// The voxels of the lesion in the model, in the order of their places.
+    pub(super) lesion: Vec<u32>,
+    /// The voxels in the model.
+    pub(super) of_model: Vec<u32>,
+}
+
+/// One bite to choose.
+#[derive(Debug)]
+pub(super) struct Candidate {
+    pub(super) bite: Bite,
+    pub(super) portal: usize,
+    /// Place on the grid of poses.
+    pub(super) cell: [i32; 2],
+    /// Voxels that it cuts; those of the region first.
+    pub(super) cut: Vec<u32>,
+    /// How many of these belong to the region.
+    pub(super) inside: usize,
+    /// Places of the lesion that it covers.
+    pub(super) places: Vec<u32>,
+    /// Voxels that block its throat and by how much.
+    pub(super) throat: Vec<(u32, u32)>,
+    /// How much of its throat no candidate frees.
+    pub(super) blocked: u32,
+}
+
+impl Problem {
+    /// The problem of clearing `region` with `poses`. A pose whose throat nobody can free is left out.
+    pub(super) fn of(poses: Vec<Pose>, region: &[bool], task: &Task<'_>, rules: &Rules) -> Self {
+        let numbers = Numbers::of(&poses, region);
+        let lesion = Numbers::of_marks(&task.lesion.marks);
+        let undisplaced = lesion.count;
+        let displaced = undisplaced * (DISPLACEMENTS - 1);
+        let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;
+        let mm3 = |volume_mm3: f64| volume_mm3 / task.voxels.voxel_mm3();
+        let whole = region.iter().filter(|inside| **inside).count();
+        let candidates = poses
+            .into_iter()
+            .map(|pose| candidate(pose, &numbers, &lesion))
+            .filter(|candidate| candidate.blocked <= throat_limit)
+            .collect();
+        Self {
+            voxels: numbers.count,
+            region: numbers.inside,
+            region_needed: (rules.region_share * whole as f64).ceil() as usize,
+            places: undisplaced + displaced,
+            undisplaced,
+            undisplaced_needed: undisplaced,
+            displaced_needed: (DISPLACED_SHARE * displaced as f64).ceil() as usize,
+            outside_limit: mm3(rules.outside_limit_mm3).floor() as usize,
+            throat_limit,
+            candidates,
+            lesion: lesion.voxels(),
+            of_model: numbers.voxels(),
+        }
+    }
+}
+
+fn candidate(pose: Pose, numbers: &Numbers, lesion: &Numbers) -> Candidate {
+    let mut cut: Vec<u32> = pose
+        .cut
+        .iter()
+        .filter_map(|voxel| numbers.of_voxel(*voxel))
+        .collect();
+    cut.sort_unstable();
+    let inside = cut.partition_point(|voxel| (*voxel as usize) < numbers.inside);
+    let (mut throat, mut blocked) = (Vec::new(), 0);
+    for (voxel, share) in pose.throat {
+        let part = (share * f64::from(WHOLE_THROAT)).round() as u32;
+        match numbers.of_voxel(voxel) {
+            Some(number) => throat.push((number, part)),
+            None => blocked += part,
+        }
+    }
+    let mut places = Vec::new();
+    for (voxel, ways) in pose.lesion {
+        let Some(number) = lesion.of_voxel(voxel) else {
+            continue;
+        };
+        let covered = (0..DISPLACEMENTS as u32).filter(|way| ways & (1 << way) != 0);
+        places.extend(covered.map(|way| way * lesion.count as u32 + number));
+    }
+    Candidate {
+        bite: pose.bite,
+        portal: pose.portal,
+        cell: pose.cell,
+        cut,
+        inside,
+        places,
+        throat,
+        blocked,
+    }
+}
+
+/// Voxels of the model numbered anew, some first.
+struct Numbers {
+    numbers: Vec<Option<u32>>,
+    inside: usize,
+    count: usize,
+}
+
+impl Numbers {
+    /// Everything that a pose cuts, the region first.
+    fn of(poses: &[Pose], region: &[bool]) -> Self {
+        let mut cut = vec![false; region.len()];
+        for voxel in poses.iter().flat_map(|pose| &pose.cut) {
+            cut[*voxel as usize] = true;
+        }
+        let inside = cut.iter().zip(region).map(|(cut, inside)| *cut && *inside);
+        let mut numbers = Self::of_marks(&inside.collect::<Vec<_>>());
+        for (number, cut) in numbers.numbers.iter_mut().zip(cut) {
+            if cut && number.is_none() {
+                *number = Some(numbers.count as u32);
+                numbers.count += 1;
+            }
+        }
+        numbers
+    }
+
+    fn of_marks(marks: &[bool]) -> Self {
+        let mut count = 0;
+        let numbers = marks.iter().map(|mark| {
+            mark.then(|| {
+                count += 1;
+                count - 1
+            })
+        });
+        let numbers = numbers.collect();
+        Self {
+            numbers,
+            inside: count as usize,
+            count: count as usize,
+        }
+    }
+
+    /// The voxels of the model by their numbers.
+    fn voxels(&self) -> Vec<u32> {
+        let mut voxels = vec![0; self.count];
+        for (voxel, number) in (0u32..).zip(&self.numbers) {
+            if let Some(number) = number {
+                voxels[*number as usize] = voxel;
+            }
+        }
+        voxels
+    }
+
+    fn of_voxel(&self, voxel: u32) -> Option<u32> {
+        self.numbers[voxel as usize]
+    }
+}

@@ -1,0 +1,169 @@
+//! Fewer and fewer bites, until no set of them is found or the bound is met.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::anneal::{self, Aim, Moves};
+use super::order::{self, Gone};
+use super::problem::Problem;
+use super::selection::Selection;
+use super::{Ended, Patience, bound, greedy};
+use crate::error::Error;
+
+/// Annealings of one number of bites before it is given up; they run side by side.
+const ATTEMPTS: usize = 4;
+/// Exchanges of one annealing.
+const STEPS: usize = 60_000;
+/// How many bites more than the greedy choice are tried where that misses something.
+const MORE_BITES: usize = 6;
+
+/// A search under way.
+pub(super) struct Search<'a> {
+    problem: &'a Problem,
+    moves: Moves,
+    /// What each voxel of the region is worth.
+    prices: Vec<f64>,
+    seed: u64,
+    patience: &'a (dyn Fn() -> Patience + Sync),
+    /// The best set so far.
+    pub(super) best: Selection<'a>,
+    /// The least number of bites possible.
+    pub(super) bound: usize,
+    pub(super) ended: Ended,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn of(
+        problem: &'a Problem,
+        seed: u64,
+        patience: &'a (dyn Fn() -> Patience + Sync),
+    ) -> Self {
+        let bound = bound::of(problem);
+        Self {
+            best: greedy::choose(problem, &bound.prices),
+            prices: bound.prices.clone(),
+            moves: Moves::of(problem),
+            problem,
+            seed,
+            patience,
+            bound: bound.whole(),
+            ended: Ended::Effort,
+        }
+    }
+
+    /// Completes the greedy choice; whether that succeeds.
+    pub(super) fn start(&mut self) -> Result<bool, Error> {
+        for _ in 0..=MORE_BITES {
+            if self.best.is_complete() {
+                return Ok(true);
+            }
+            let tried = self.anneal(&self.best.clone())?;
+            let complete = tried.iter().position(|(complete, _)| *complete);
+            let by_shortage = |a: &usize, b: &usize| {
+                let of = |index: usize| tried[index].1.shortage();
+                of(*a).total_cmp(&of(*b))
+            };
+            let closest = (0..tried.len()).min_by(by_shortage);
+            if let Some(index) = complete.or(closest) {
+                self.best = tried[index].1.clone();
+            }
+            if complete.is_some() {
+                return Ok(true);
+            }
+            if (self.patience)() != Patience::GoOn {
+                return Ok(false);
+            }
+            let Some(candidate) = self.helpful() else {
+                return Ok(false);
+            };
+            self.best.add(candidate);
+        }
+        Ok(false)
+    }
+
+    /// The bite that brings most after all that can be made.
+    fn helpful(&self) -> Option<usize> {
+        let mut gone = Gone::nothing(self.problem);
+        order::of(&self.best.chosen, self.problem, &mut gone);
+        greedy::best(self.problem, &self.prices, &self.best, &gone)
+    }
+
+    /// One bite fewer; whether that succeeds.
+    pub(super) fn improve(&mut self) -> Result<bool, Error> {
+        if self.best.chosen.len() <= self.bound {
+            self.ended = Ended::Optimal;
+            return Ok(false);
+        }
+        let mut fewer = self.best.clone();
+        fewer.remove(self.best.least_useful());
+        let mut tried = self.anneal(&fewer)?.into_iter();
+        if let Some((_, set)) = tried.find(|(complete, _)| *complete) {
+            self.best = set;
+            return Ok(true);
+        }
+        self.ended = match (self.patience)() {
+            Patience::GoOn => Ended::Effort,
+            _ => Ended::Deadline,
+        };
+        Ok(false)
+    }
+
+    /// Makes the best of the number found.
+    pub(super) fn polish(&mut self) -> Result<(), Error> {
+        let mut random = self.random(0);
+        let go_on = || (self.patience)() == Patience::GoOn;
+        anneal::run(
+            &mut self.best,
+            Aim::Best,
+            &self.moves,
+            STEPS,
+            &mut random,
+            &go_on,
+        );
+        self.not_stopped()
+    }
+
+    /// Anneals a set several times; in the order of the attempts, whether each completes it.
+    fn anneal(&self, set: &Selection<'a>) -> Result<Vec<(bool, Selection<'a>)>, Error> {
+        let first = AtomicUsize::new(usize::MAX);
+        let attempt = |attempt: usize| {
+            // Once an attempt succeeds, those after it do not count.
+            let go_on =
+                || first.load(Ordering::Relaxed) > attempt && (self.patience)() == Patience::GoOn;
+            let mut set = set.clone();
+            let mut random = self.random(1 + attempt as u64 + (ATTEMPTS * set.chosen.len()) as u64);
+            anneal::run(
+                &mut set,
+                Aim::Complete,
+                &self.moves,
+                STEPS,
+                &mut random,
+                &go_on,
+            );
+            let complete = set.is_complete();
+            if complete {
+                first.fetch_min(attempt, Ordering::Relaxed);
+            }
+            (complete, set)
+        };
+        let tried = (0..ATTEMPTS).into_par_iter().map(attempt).collect();
+        self.not_stopped()?;
+        Ok(tried)
+    }
+
+    fn not_stopped(&self) -> Result<(), Error> {
+        match (self.patience)() {
+            Patience::Stop => Err(Error::Cancelled),
+            _ => Ok(()),
+        }
+    }
+
+    fn random(&self, stream: u64) -> ChaCha8Rng {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(stream);
+        random
+    }
+}

@@ -1,0 +1,215 @@
+//! A set of bites and what it comes to, kept up to date while bites are exchanged.
+
+use super::anneal::Aim;
+use super::order::{self, Gone};
+use super::problem::{Problem, WHOLE_THROAT};
+
+/// What a place of the lesion that stays counts, in voxels: clearing the lesion is what it is for.
+const LESION_WEIGHT: f64 = 3.0;
+/// What a voxel too much outside the region counts.
+const OUTSIDE_WEIGHT: f64 = 1.5;
+/// What a whole blocked throat counts, in voxels.
+const THROAT_WEIGHT: f64 = 60.0;
+/// What is missing counts so much more than what could be better.
+const SHORTAGE_WEIGHT: f64 = 1000.0;
+/// What a voxel of the region that is left counts beside one outside that goes.
+const LEFT_WEIGHT: f64 = 0.5;
+/// What a displaced place of the lesion that stays counts, in voxels.
+const DISPLACED_WEIGHT: f64 = 0.2;
+
+/// Chosen candidates.
+#[derive(Clone, Debug)]
+pub(super) struct Selection<'a> {
+    problem: &'a Problem,
+    pub(super) chosen: Vec<usize>,
+    /// How often each voxel is bitten.
+    bitten: Vec<u16>,
+    /// How often each place of the lesion is covered.
+    covered: Vec<u16>,
+    region: usize,
+    outside: usize,
+    undisplaced: usize,
+    displaced: usize,
+    gone: Gone,
+}
+
+impl<'a> Selection<'a> {
+    pub(super) fn empty(problem: &'a Problem) -> Self {
+        Self {
+            problem,
+            chosen: Vec::new(),
+            bitten: vec![0; problem.voxels],
+            covered: vec![0; problem.places],
+            region: 0,
+            outside: 0,
+            undisplaced: 0,
+            displaced: 0,
+            gone: Gone::nothing(problem),
+        }
+    }
+
+    /// Voxels of the region that are bitten.
+    pub(super) fn region(&self) -> usize {
+        self.region
+    }
+
+    /// Other voxels that are bitten.
+    pub(super) fn outside(&self) -> usize {
+        self.outside
+    }
+
+    pub(super) fn is_bitten(&self, voxel: u32) -> bool {
+        self.bitten[voxel as usize] > 0
+    }
+
+    /// How many places of the lesion a candidate would cover that nothing covers yet.
+    pub(super) fn new_places(&self, candidate: usize) -> usize {
+        let places = self.problem.candidates[candidate].places.iter();
+        places
+            .filter(|place| self.covered[**place as usize] == 0)
+            .count()
+    }
+
+    pub(super) fn add(&mut self, candidate: usize) {
+        self.count(candidate);
+        self.chosen.push(candidate);
+    }
+
+    pub(super) fn remove(&mut self, slot: usize) -> usize {
+        let candidate = self.chosen.remove(slot);
+        self.uncount(candidate);
+        candidate
+    }
+
+    /// Puts another candidate into a slot; returns the one that was there.
+    pub(super) fn exchange(&mut self, slot: usize, candidate: usize) -> usize {
+        let before = std::mem::replace(&mut self.chosen[slot], candidate);
+        self.uncount(before);
+        self.count(candidate);
+        before
+    }
+
+    /// The slot of the bite without which least is missing.
+    pub(super) fn least_useful(&self) -> usize {
+        let without = |slot: usize| {
+            let mut others = self.clone();
+            others.remove(slot);
+            others.shortage()
+        };
+        let slots = (0..self.chosen.len()).map(|slot| (without(slot), slot));
+        let least = slots.min_by(|a, b| a.0.total_cmp(&b.0));
+        least.map_or(0, |(_, slot)| slot)
+    }
+
+    /// Puts other candidates in the place of all.
+    pub(super) fn replace(&mut self, chosen: &[usize]) {
+        for slot in (0..self.chosen.len()).rev() {
+            self.remove(slot);
+        }
+        for candidate in chosen {
+            self.add(*candidate);
+        }
+    }
+
+    fn count(&mut self, candidate: usize) {
+        let candidate = &self.problem.candidates[candidate];
+        let inside = candidate.inside;
+        for (place, voxel) in candidate.cut.iter().enumerate() {
+            let bitten = &mut self.bitten[*voxel as usize];
+            if *bitten == 0 {
+                *(if place < inside {
+                    &mut self.region
+                } else {
+                    &mut self.outside
+                }) += 1;
+            }
+            *bitten += 1;
+        }
+        for place in &candidate.places {
+            let covered = &mut self.covered[*place as usize];
+            if *covered == 0 {
+                let undisplaced = (*place as usize) < self.problem.undisplaced;
+                *(if undisplaced {
+                    &mut self.undisplaced
+                } else {
+                    &mut self.displaced
+                }) += 1;
+            }
+            *covered += 1;
+        }
+    }
+
+    fn uncount(&mut self, candidate: usize) {
+        let candidate = &self.problem.candidates[candidate];
+        let inside = candidate.inside;
+        for (place, voxel) in candidate.cut.iter().enumerate() {
+            let bitten = &mut self.bitten[*voxel as usize];
+            *bitten -= 1;
+            if *bitten == 0 {
+                *(if place < inside {
+                    &mut self.region
+                } else {
+                    &mut self.outside
+                }) -= 1;
+            }
+        }
+        for place in &candidate.places {
+            let covered = &mut self.covered[*place as usize];
+            *covered -= 1;
+            if *covered == 0 {
+                let undisplaced = (*place as usize) < self.problem.undisplaced;
+                *(if undisplaced {
+                    &mut self.undisplaced
+                } else {
+                    &mut self.displaced
+                }) -= 1;
+            }
+        }
+    }
+
+    /// Whether nothing is missing and every bite can be made in some order.
+    pub(super) fn is_complete(&mut self) -> bool {
+        self.energy(Aim::Complete, f64::INFINITY) <= 0.0
+    }
+
+    /// What the set is judged by, in voxels; less is better, and a complete set has 0 or less. Above
+    /// `limit` only a lower bound of it, which is quicker.
+    pub(super) fn energy(&mut self, aim: Aim, limit: f64) -> f64 {
+        let mut energy = self.shortage();
+        if aim == Aim::Best {
+            energy = SHORTAGE_WEIGHT * energy + self.waste();
+        }
+        if energy > limit {
+            return energy;
+        }
+        let blocked = self.blocked();
+        energy
+            + match aim {
+                Aim::Complete => blocked,
+                Aim::Best => SHORTAGE_WEIGHT * blocked,
+            }
+    }
+
+    /// What is missing, in voxels, the order left aside; 0 if nothing is.
+    pub(super) fn shortage(&self) -> f64 {
+        let problem = self.problem;
+        let missing = |needed: usize, have: usize| needed.saturating_sub(have) as f64;
+        missing(problem.region_needed, self.region)
+            + LESION_WEIGHT * missing(problem.undisplaced_needed, self.undisplaced)
+            + DISPLACED_WEIGHT * missing(problem.displaced_needed, self.displaced)
+            + OUTSIDE_WEIGHT * missing(self.outside, problem.outside_limit)
+    }
+
+    /// What is taken outside the region beside what is left of it, in voxels.
+    fn waste(&self) -> f64 {
+        let problem = self.problem;
+        self.outside as f64 + LEFT_WEIGHT * (problem.region - self.region) as f64
+            - (problem.outside_limit + problem.region) as f64
+    }
+
+    /// What the throats miss in the best order, in voxels.
+    fn blocked(&mut self) -> f64 {
+        let order = order::of(&self.chosen, self.problem, &mut self.gone);
+        THROAT_WEIGHT * f64::from(order.excess) / f64::from(WHOLE_THROAT) + order.stuck.len() as f64
+    }
+}
