@@ -41,6 +41,11 @@ impl<'a> Tissue<'a> {
         self.left[voxel as usize]
     }
 
+    /// How many voxels are still there.
+    pub fn left(&self) -> usize {
+        self.left.iter().filter(|left| **left).count()
+    }
+
     /// Share of the throat's footprint that tissue blocks now, 0..1.
     pub fn throat_share(&self, throat: &Throat) -> f64 {
         self.share_left(&throat_weights(throat, self.voxels))
