@@ -1,5 +1,12 @@
-//! Scores a list of bites: what they take of the lesion, of the planned region and of healthy tissue,
-//! and what rim they leave.
+//! Scores a list of bites, from whatever source: what they take of the lesion, of the planned region
+//! and of healthy tissue, what rim and what edge they leave, how long they take, and whether the jaw
+//! can make them in their order.
+
+pub mod edge;
+pub mod order;
+pub mod scallop;
+pub mod time;
+pub mod turns;
 
 use arthro_geometry::Point3;
 
@@ -9,10 +16,13 @@ use crate::jaw::{Bite, Cut, Jaw};
 use crate::lesion::Lesion;
 use crate::voxels::Voxels;
 
-/// Step along a ray on which the rim is measured, mm.
-const RIM_STEP_MM: f64 = 0.1;
+use edge::Edge;
+use order::{BiteAccount, Blocked};
+use scallop::Scallop;
+use time::Timing;
+use turns::Turns;
 
-/// What is scored, in the axes of the crescent.
+/// What is scored and by which rules, in the axes of the crescent.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     /// Where free edge and rim are.
@@ -25,31 +35,60 @@ pub struct Task<'a> {
     pub band: Option<&'a Band>,
     /// The jaw that bites.
     pub jaw: Jaw,
+    /// Where the forceps may enter, mm; empty: not known.
+    pub portals: &'a [Point3],
+    /// How long the parts of a cycle take.
+    pub timing: Timing,
+    /// Share of the jaw's throat that tissue may block when a bite is made, 0..1.
+    pub throat_limit: f64,
 }
 
-/// What a list of bites does to the tissue.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What a list of bites does to the tissue. Without bites nothing is removed and the rim is whole.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     /// How many bites.
     pub bites: usize,
     /// Volume of the lesion, mm3.
     pub lesion_mm3: f64,
-    /// Share of it that the bites cover.
+    /// Share of it that the bites cover; 100 if it is empty.
     pub lesion_covered_percent: f64,
     /// Volume of the planned region, mm3.
     pub region_mm3: f64,
-    /// Share of it that the bites cover.
+    /// Share of it that the bites cover; 100 if it is empty.
     pub region_covered_percent: f64,
+    /// Tissue removed, mm3.
+    pub removed_mm3: f64,
     /// Tissue removed outside the lesion, mm3.
     pub healthy_removed_mm3: f64,
     /// Tissue removed outside the planned region, mm3.
     pub outside_removed_mm3: f64,
-    /// Narrowest rim left where something is removed, mm.
+    /// Tissue of the planned region that is left, mm3.
+    pub left_mm3: f64,
+    /// Narrowest rim left where something is removed, or anywhere if nothing is, mm.
     pub rim_min_mm: f64,
     /// Where, in the axes of the crescent.
     pub rim_min_at: Point3,
-    /// Mean rim left where something is removed, mm.
+    /// Where, as an angle about the centre of the crescent, 0 in the middle of the body.
+    pub rim_min_angle_rad: f64,
+    /// Mean rim left where something is removed, or everywhere if nothing is, mm.
     pub rim_mean_mm: f64,
+    /// The new inner edge against the planned contour; `None` without a contour.
+    pub scallop: Option<Scallop>,
+    /// How evenly the new inner edge runs.
+    pub edge_turns: Turns,
+    /// Predicted time of all cycles, s.
+    pub predicted_seconds: f64,
+    /// What each bite does at its time.
+    pub accounts: Vec<BiteAccount>,
+    /// The bites whose jaw cannot close at their time.
+    pub infeasible: Vec<Blocked>,
+}
+
+impl Evaluation {
+    /// Whether the jaw can close at every bite in this order.
+    pub fn is_order_feasible(&self) -> bool {
+        self.infeasible.is_empty()
+    }
 }
 
 impl Task<'_> {
@@ -66,77 +105,47 @@ impl Task<'_> {
         }
     }
 
-    /// Scores the bites.
+    /// Scores the bites in their order.
     pub fn evaluate(&self, bites: &[Bite]) -> Evaluation {
-        let cuts: Vec<Cut> = bites.iter().map(|bite| bite.cut(&self.jaw)).collect();
-        let removed_at = |point: &Point3| cuts.iter().any(|cut| cut.contains(point));
         let region = self.region();
-        let (mut in_region, mut region_removed, mut healthy, mut outside) = (0, 0, 0, 0);
-        for (voxel, center) in self.voxels.centers().iter().enumerate() {
-            in_region += usize::from(region[voxel]);
-            if removed_at(center) {
-                region_removed += usize::from(region[voxel]);
-                outside += usize::from(!region[voxel]);
-                healthy += usize::from(!self.lesion.marks[voxel]);
-            }
-        }
-        let lesion_points = &self.lesion.points;
+        let (tissue, accounts) = order::carry_out(self, &region, bites);
+        let count = |flags: &[bool], is_left: bool| {
+            let flagged = (0u32..).zip(flags).filter(|(_, flag)| **flag);
+            flagged
+                .filter(|(voxel, _)| tissue.is_left(*voxel) == is_left)
+                .count()
+        };
+        let (region_removed, region_left) = (count(&region, false), count(&region, true));
+        let removed = region.len() - tissue.left();
+        let lesion_marks_removed = count(&self.lesion.marks, false);
+
+        let cuts: Vec<Cut> = bites.iter().map(|bite| bite.cut(&self.jaw)).collect();
+        let lesion_points = self.lesion.points.iter();
         let lesion_removed = lesion_points
-            .iter()
-            .filter(|point| removed_at(point))
+            .filter(|point| cuts.iter().any(|cut| cut.contains(point)))
             .count();
-        let (rim_min_mm, rim_min_at, rim_mean_mm) = self.rim(&removed_at);
+        let edge = Edge::after(self, &cuts);
+        let rim = edge.rim();
         let mm3 = |voxels: usize| voxels as f64 * self.voxels.voxel_mm3();
         Evaluation {
             bites: bites.len(),
             lesion_mm3: self.lesion.volume_mm3(),
-            lesion_covered_percent: percent(lesion_removed, lesion_points.len()),
-            region_mm3: mm3(in_region),
-            region_covered_percent: percent(region_removed, in_region),
-            healthy_removed_mm3: mm3(healthy),
-            outside_removed_mm3: mm3(outside),
-            rim_min_mm,
-            rim_min_at,
-            rim_mean_mm,
-        }
-    }
-
-    /// Narrowest rim, its place and the mean rim over the rays on which something is removed, or over
-    /// all rays if nothing is.
-    fn rim(&self, removed_at: &impl Fn(&Point3) -> bool) -> (f64, Point3, f64) {
-        let mut rays: Vec<(f64, Point3, bool)> = Vec::new();
-        let (mut height_mm, voxel_mm) = (0.0, self.voxels.voxel_mm());
-        for angle_rad in self.crescent.rays() {
-            let edges = self
-                .crescent
-                .edge_mm(angle_rad)
-                .zip(self.crescent.rim_mm(angle_rad));
-            let Some((edge_mm, rim_mm)) = edges else {
-                continue;
-            };
-            let steps = ((rim_mm - edge_mm) / RIM_STEP_MM).floor() as usize;
-            let mut at = |radius_mm: f64| {
-                let (x, y) = (radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin());
-                height_mm = self.voxels.middle_mm(x, y, voxel_mm).unwrap_or(height_mm);
-                Point3::new(x, y, height_mm)
-            };
-            let points = (0..=steps).map(|step| at(rim_mm - step as f64 * RIM_STEP_MM));
-            let found = points.enumerate().find(|(_, point)| removed_at(point));
-            rays.push(match found {
-                Some((step, point)) => (step as f64 * RIM_STEP_MM, point, true),
-                None => {
-                    let (x, y) = (edge_mm * angle_rad.cos(), edge_mm * angle_rad.sin());
-                    (rim_mm - edge_mm, Point3::new(x, y, 0.0), false)
-                }
-            });
-        }
-        let anything = rays.iter().any(|ray| ray.2);
-        rays.retain(|ray| ray.2 == anything);
-        let narrowest = rays.iter().min_by(|a, b| a.0.total_cmp(&b.0));
-        let sum: f64 = rays.iter().map(|ray| ray.0).sum();
-        match narrowest {
-            Some(&(rim_mm, point, _)) => (rim_mm, point, sum / rays.len() as f64),
-            None => (0.0, Point3::origin(), 0.0),
+            lesion_covered_percent: percent(lesion_removed, self.lesion.points.len()),
+            region_mm3: mm3(region_removed + region_left),
+            region_covered_percent: percent(region_removed, region_removed + region_left),
+            removed_mm3: mm3(removed),
+            healthy_removed_mm3: mm3(removed - lesion_marks_removed),
+            outside_removed_mm3: mm3(removed - region_removed),
+            left_mm3: mm3(region_left),
+            rim_min_mm: rim.min_mm,
+            rim_min_at: rim.min_at,
+            rim_min_angle_rad: rim.min_angle_rad,
+            rim_mean_mm: rim.mean_mm,
+            scallop: self.band.and_then(|band| Scallop::of(&edge, band)),
+            edge_turns: Turns::of(&edge, 0.5 * self.jaw.width_mm),
+            predicted_seconds: accounts.iter().map(|account| account.seconds).sum(),
+            infeasible: order::blocked(&accounts, self.throat_limit),
+            accounts,
         }
     }
 }

@@ -9,11 +9,13 @@ use crate::bites::{self, Access};
 use crate::contour::Spline;
 use crate::crescent::Crescent;
 use crate::error::Error;
+use crate::evaluation::time::Timing;
 use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
 use crate::reference::{Ends, Reference};
 use crate::rrt::{self, Search};
+use crate::tissue::THROAT_LIMIT;
 use crate::voxels::Voxels;
 
 /// How far a lesion's points are looked for beside the tissue of a model that is scored, mm.
@@ -148,12 +150,16 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
     // A region that nobody called a lesion need not survive a displaced bite.
     let placement_error_mm = lesion.as_ref().map_or(0.0, |_| bites::PLACEMENT_ERROR_MM);
     let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&reference.band, &crescent, &voxels));
+    let portal = meniscal_from_ct * request.portal;
     let task = Task {
         crescent: &crescent,
         voxels: &voxels,
         lesion: &lesion,
         band: Some(&reference.band),
         jaw: request.jaw,
+        portals: &[portal],
+        timing: Timing::default(),
+        throat_limit: THROAT_LIMIT,
     };
     let inboard = task.region().iter().filter(|inboard| **inboard).count();
     let region_mm3 = inboard as f64 * voxels.voxel_mm3();
@@ -164,7 +170,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         });
     }
     let access = Access {
-        portal: meniscal_from_ct * request.portal,
+        portal,
         allowed: &in_box,
         rim_min_mm: request.rim_min_mm,
         placement_error_mm,
@@ -257,6 +263,9 @@ pub fn evaluate(request: &EvaluationRequest) -> Result<Evaluation, Error> {
         lesion: &lesion,
         band: band.as_ref(),
         jaw: request.jaw,
+        portals: &[],
+        timing: Timing::default(),
+        throat_limit: THROAT_LIMIT,
     };
     let bites: Vec<Bite> = request
         .bites

@@ -11,7 +11,7 @@ use crate::voxels::Voxels;
 /// soft tissue gives way a little and no maker states a figure.
 pub const THROAT_LIMIT: f64 = 0.5;
 /// Distance between the lines through the throat's footprint, mm.
-const LINE_SPACING_MM: f64 = 0.15;
+const LINE_SPACING_MM: f64 = 0.25;
 
 /// The tissue that is left, in the axes of the crescent.
 #[derive(Clone, Debug)]
@@ -39,6 +39,11 @@ impl<'a> Tissue<'a> {
     /// Whether a voxel is still there.
     pub fn is_left(&self, voxel: u32) -> bool {
         self.left[voxel as usize]
+    }
+
+    /// How many voxels are still there.
+    pub fn left(&self) -> usize {
+        self.left.iter().filter(|left| **left).count()
     }
 
     /// Share of the throat's footprint that tissue blocks now, 0..1.
@@ -77,19 +82,14 @@ pub fn throat_weights(throat: &Throat, voxels: &Voxels) -> Vec<(u32, f64)> {
     for point in throat.footprint(LINE_SPACING_MM) {
         lines += 1;
         let first = weights.len();
-        for voxel in voxels.on_line(&point, &throat.opening) {
-            let voxel = voxel as u32;
-            match weights[first..].last_mut() {
-                Some(last) if last.0 == voxel => last.1 += 1.0,
-                _ => weights.push((voxel, 1.0)),
-            }
-        }
-        let met: f64 = weights[first..].iter().map(|(_, weight)| weight).sum();
+        let met = voxels.on_line(&point, &throat.opening);
+        weights.extend(met.map(|voxel| (voxel as u32, 1.0)));
+        let met = (weights.len() - first) as f64;
         for (_, weight) in &mut weights[first..] {
             *weight /= met;
         }
     }
-    weights.sort_by_key(|(voxel, _)| *voxel);
+    weights.sort_unstable_by_key(|(voxel, _)| *voxel);
     weights.dedup_by(|next, kept| {
         let same = next.0 == kept.0;
         if same {
