@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
-use crate::reference::{Ends, Reference};
 use crate::rrt::{self, Search};
+use crate::target::{Aim, Rules, Target};
 use crate::voxels::Voxels;
 
 /// How far a lesion's points are looked for beside the tissue of a model that is scored, mm.
@@ -118,13 +118,17 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
 
     go_on(report("contour", 0, 0.1))?;
     let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let ends = Ends {
+    let aim = Aim::Ends {
         start: meniscal_from_ct * request.start,
         goal: meniscal_from_ct * request.goal,
+    };
+    let rules = Rules {
         tolerance_mm,
         rim_min_mm: request.rim_min_mm,
+        lesion_margin_mm: 0.65,
+        ..Rules::default()
     };
-    let reference = Reference::draw(&ends, lesion.as_ref(), &crescent, &voxels)?;
+    let target = Target::draw(&aim, &rules, lesion.as_ref(), &crescent, &voxels)?;
 
     go_on(report("rrt", 0, 0.2))?;
     let (low, high) = request.target_box;
@@ -133,7 +137,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         point.inf(&low) == low && point.sup(&high) == high
     };
     let path = rrt::search(
-        &reference.spline,
+        &target.spline,
         &voxels,
         &request.search,
         in_box,
@@ -147,12 +151,12 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
     go_on(report("bites", path.iterations, 0.4))?;
     // A region that nobody called a lesion need not survive a displaced bite.
     let placement_error_mm = lesion.as_ref().map_or(0.0, |_| bites::PLACEMENT_ERROR_MM);
-    let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&reference.band, &crescent, &voxels));
+    let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&target.band, &crescent, &voxels));
     let task = Task {
         crescent: &crescent,
         voxels: &voxels,
         lesion: &lesion,
-        band: Some(&reference.band),
+        band: Some(&target.band),
         jaw: request.jaw,
     };
     let inboard = task.region().iter().filter(|inboard| **inboard).count();
@@ -191,7 +195,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
             .iter()
             .map(|bite| bite.carried(&crescent.ct_from_meniscal))
             .collect(),
-        contour: into_ct(reference.spline.points_every(CONTOUR_SPACING_MM)),
+        contour: into_ct(target.spline.points_every(CONTOUR_SPACING_MM)),
         path: into_ct(path.points),
         evaluation,
     })
