@@ -158,6 +158,17 @@ impl Spline {
         first.cross(&second).norm() / speed.powi(3)
     }
 
+    /// Curvature of the curve seen along a unit normal, 1/mm: positive where it turns anticlockwise for
+    /// one who looks against the normal. 0 where it runs along the normal.
+    pub fn signed_curvature_per_mm(&self, parameter: f64, normal: &Vector3) -> f64 {
+        let (first, second) = self.derivatives(parameter);
+        let speed = (first - normal * first.dot(normal)).norm();
+        if speed < 1e-12 {
+            return 0.0;
+        }
+        first.cross(&second).dot(normal) / speed.powi(3)
+    }
+
     /// The parameter `length_mm` after the start, clamped to the curve.
     pub fn parameter_at(&self, length_mm: f64) -> f64 {
         let after = self

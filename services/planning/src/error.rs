@@ -37,10 +37,11 @@ pub enum Error {
         /// Distance from the nearest node to the goal, mm.
         left_mm: f64,
     },
-    /// The contour comes closer to the rim than allowed and the lesion does not demand it.
+    /// The contour comes closer to the rim than allowed.
     #[error(
-        "the contour leaves a rim of {rim_mm:.2} mm at ({:.1}, {:.1}, {:.1}) mm, the limit is {limit_mm} mm",
-        at.x, at.y, at.z
+        "the contour leaves a rim of {rim_mm:.2} mm < {limit_mm} mm at {:.0} deg, ({:.1}, {:.1}, {:.1}) mm; \
+         possible with a rim limit of at most {rim_mm:.2} mm or with the contour {:.2} mm nearer to the free edge there",
+        angle_rad.to_degrees(), at.x, at.y, at.z, limit_mm - rim_mm
     )]
     RimBelowLimit {
         /// Rim left, mm.
@@ -49,6 +50,8 @@ pub enum Error {
         limit_mm: f64,
         /// Where, in ct, mm.
         at: Point3,
+        /// Where about the centre of the crescent, 0 in the middle of the body.
+        angle_rad: f64,
     },
     /// Lesion points that are not in the model.
     #[error(
@@ -62,9 +65,9 @@ pub enum Error {
         /// Share allowed, percent.
         limit_percent: f64,
     },
-    /// The contour from start to goal cannot go around the lesion.
+    /// The contour does not go around the lesion.
     #[error(
-        "{beyond_percent:.1} % of the lesion lie beyond start and goal; the limit is {limit_percent} %"
+        "{beyond_percent:.1} % of the lesion lie outboard of the contour or beyond its ends; the limit is {limit_percent} %"
     )]
     LesionBeyondPath {
         /// Share of the points, percent.
@@ -167,12 +170,15 @@ impl From<Error> for Status {
                 rim_mm,
                 limit_mm,
                 at,
+                angle_rad,
             } => status::refused(
                 "RIM_BELOW_LIMIT",
                 message,
                 &[
                     ("rim_mm", mm(rim_mm)),
                     ("limit_mm", mm(limit_mm)),
+                    ("inboard_mm", mm(limit_mm - rim_mm)),
+                    ("angle_deg", format!("{:.1}", angle_rad.to_degrees())),
                     ("x_mm", mm(at.x)),
                     ("y_mm", mm(at.y)),
                     ("z_mm", mm(at.z)),

@@ -1,7 +1,7 @@
 //! arthro-planning: decides which bites leave a smooth crescent.
 //!
 //! A plan is made in stages, each a module: the meniscus becomes [`voxels`] in the axes of its
-//! [`crescent`]; the [`reference`] contour leads from start to goal outboard of the [`lesion`]; the
+//! [`crescent`]; the contour of the [`target`] leads outboard of the [`lesion`]; the
 //! paper's [`rrt`] follows it through the tissue; the [`bites`] of the [`jaw`] clear what lies inboard
 //! of it; the [`evaluation`] scores them. [`plan`] runs the stages, [`server`] serves them. All but the
 //! server is pure: same request and seed, same plan.
@@ -17,10 +17,10 @@ pub mod evaluation;
 pub mod jaw;
 pub mod lesion;
 pub mod plan;
-pub mod reference;
 pub mod rrt;
 pub mod server;
 pub mod tissue;
+pub mod target;
 pub mod voxels;
 
 use arthro_bootstrap::{BoxError, Drain, Service};

@@ -9,13 +9,11 @@ use crate::bites::{self, Access};
 use crate::contour::Spline;
 use crate::crescent::Crescent;
 use crate::error::Error;
-use crate::evaluation::time::Timing;
 use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
-use crate::reference::{Ends, Reference};
 use crate::rrt::{self, Search};
-use crate::tissue::THROAT_LIMIT;
+use crate::target::{Aim, Rules, Target};
 use crate::voxels::Voxels;
 
 /// How far a lesion's points are looked for beside the tissue of a model that is scored, mm.
@@ -120,13 +118,17 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
 
     go_on(report("contour", 0, 0.1))?;
     let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let ends = Ends {
+    let aim = Aim::Ends {
         start: meniscal_from_ct * request.start,
         goal: meniscal_from_ct * request.goal,
+    };
+    let rules = Rules {
         tolerance_mm,
         rim_min_mm: request.rim_min_mm,
+        lesion_margin_mm: 0.65,
+        ..Rules::default()
     };
-    let reference = Reference::draw(&ends, lesion.as_ref(), &crescent, &voxels)?;
+    let target = Target::draw(&aim, &rules, lesion.as_ref(), &crescent, &voxels)?;
 
     go_on(report("rrt", 0, 0.2))?;
     let (low, high) = request.target_box;
@@ -135,7 +137,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         point.inf(&low) == low && point.sup(&high) == high
     };
     let path = rrt::search(
-        &reference.spline,
+        &target.spline,
         &voxels,
         &request.search,
         in_box,
@@ -149,17 +151,13 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
     go_on(report("bites", path.iterations, 0.4))?;
     // A region that nobody called a lesion need not survive a displaced bite.
     let placement_error_mm = lesion.as_ref().map_or(0.0, |_| bites::PLACEMENT_ERROR_MM);
-    let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&reference.band, &crescent, &voxels));
-    let portal = meniscal_from_ct * request.portal;
+    let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&target.band, &crescent, &voxels));
     let task = Task {
         crescent: &crescent,
         voxels: &voxels,
         lesion: &lesion,
-        band: Some(&reference.band),
+        band: Some(&target.band),
         jaw: request.jaw,
-        portals: &[portal],
-        timing: Timing::default(),
-        throat_limit: THROAT_LIMIT,
     };
     let inboard = task.region().iter().filter(|inboard| **inboard).count();
     let region_mm3 = inboard as f64 * voxels.voxel_mm3();
@@ -170,7 +168,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         });
     }
     let access = Access {
-        portal,
+        portal: meniscal_from_ct * request.portal,
         allowed: &in_box,
         rim_min_mm: request.rim_min_mm,
         placement_error_mm,
@@ -197,7 +195,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
             .iter()
             .map(|bite| bite.carried(&crescent.ct_from_meniscal))
             .collect(),
-        contour: into_ct(reference.spline.points_every(CONTOUR_SPACING_MM)),
+        contour: into_ct(target.spline.points_every(CONTOUR_SPACING_MM)),
         path: into_ct(path.points),
         evaluation,
     })
@@ -263,9 +261,6 @@ pub fn evaluate(request: &EvaluationRequest) -> Result<Evaluation, Error> {
         lesion: &lesion,
         band: band.as_ref(),
         jaw: request.jaw,
-        portals: &[],
-        timing: Timing::default(),
-        throat_limit: THROAT_LIMIT,
     };
     let bites: Vec<Bite> = request
         .bites

@@ -1,0 +1,240 @@
+use super::*;
+use crate::plan;
+use arthro_geometry::Vector3;
+use arthro_geometry::phantom::{self, RadialTear};
+
+struct World {
+    crescent: Crescent,
+    voxels: Voxels,
+    lesion: Lesion,
+}
+
+impl World {
+    fn torn_phantom() -> Self {
+        Self::phantom_torn(&RadialTear::BODY, 0.5)
+    }
+
+    fn phantom_torn(tear: &RadialTear, voxel_mm: f64) -> Self {
+        let mesh = phantom::mesh();
+        let (crescent, voxels) =
+            plan::model(&mesh, &phantom::PORTAL_ANTEROLATERAL, voxel_mm, 1.0).unwrap();
+        let shape = phantom::Phantom::default();
+        let is_torn = |center: &Point3| shape.is_torn(&(crescent.ct_from_meniscal * *center), tear);
+        let marks = voxels.centers().iter().map(is_torn).collect();
+        let lesion = Lesion::of_voxels(marks, &voxels);
+        Self {
+            crescent,
+            voxels,
+            lesion,
+        }
+    }
+
+    fn ends(&self, start: Point3, goal: Point3) -> Aim {
+        let meniscal_from_ct = self.crescent.ct_from_meniscal.inverse();
+        Aim::Ends {
+            start: meniscal_from_ct * start,
+            goal: meniscal_from_ct * goal,
+        }
+    }
+
+    fn papers_ends(&self) -> Aim {
+        self.ends(phantom::START, phantom::GOAL)
+    }
+
+    fn draw(&self, aim: &Aim, lesion: Option<&Lesion>) -> Result<Target, Error> {
+        Target::draw(aim, &Rules::default(), lesion, &self.crescent, &self.voxels)
+    }
+
+    fn region_mm3(&self, target: &Target) -> f64 {
+        let inboard = |center: &&Point3| target.band.contains(center, &self.crescent);
+        self.voxels.centers().iter().filter(inboard).count() as f64 * self.voxels.voxel_mm3()
+    }
+}
+
+fn curvatures(target: &Target) -> Vec<f64> {
+    let parameters = target.spline.parameters_every(0.25).into_iter();
+    parameters
+        .map(|at| {
+            target
+                .spline
+                .signed_curvature_per_mm(at, &Vector3::z())
+                .abs()
+        })
+        .collect()
+}
+
+#[test]
+fn the_band_from_the_papers_start_to_its_goal_has_the_published_size() {
+    let world = World::torn_phantom();
+    let target = world.draw(&world.papers_ends(), None).unwrap();
+    let region_mm3 = world.region_mm3(&target);
+    assert!((region_mm3 / 314.6 - 1.0).abs() < 0.03, "{region_mm3} mm3");
+    let curvatures = curvatures(&target);
+    let mean_per_mm = curvatures.iter().sum::<f64>() / curvatures.len() as f64;
+    assert!((mean_per_mm - 0.075).abs() < 0.003, "{mean_per_mm} /mm");
+    assert!(curvatures.iter().all(|at| (0.04..0.12).contains(at)));
+    assert!((target.spline.length_mm() - 38.7).abs() < 0.2);
+}
+
+#[test]
+fn the_contour_leads_from_start_to_goal() {
+    let world = World::torn_phantom();
+    let aim = world.papers_ends();
+    let Aim::Ends { start, goal } = &aim else {
+        unreachable!("papers_ends makes ends");
+    };
+    let target = world.draw(&aim, Some(&world.lesion)).unwrap();
+    assert!((target.spline.point(0.0) - start).norm() < 1e-9);
+    assert!((target.spline.point(1.0) - goal).norm() < 1e-9);
+}
+
+#[test]
+fn the_target_around_a_tear_has_the_published_size() {
+    // The planning voxels of 0.5 mm add a tenth: they are as coarse as the free edge is thick.
+    let world = World::phantom_torn(&RadialTear::BODY, 0.25);
+    let target = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap();
+    let region_mm3 = world.region_mm3(&target);
+    assert!((region_mm3 / 53.5 - 1.0).abs() < 0.03, "{region_mm3} mm3");
+    let curvatures = curvatures(&target);
+    let sharpest_per_mm = curvatures.iter().copied().fold(0.0, f64::max);
+    assert!(sharpest_per_mm < 1.0 / 1.5, "{sharpest_per_mm} /mm");
+}
+
+#[test]
+fn the_contour_keeps_its_margin_from_the_lesion() {
+    for depth_fraction in [0.2, 0.42, 0.6] {
+        let tear = RadialTear {
+            depth_fraction,
+            phi_rad: 0.4,
+            ..RadialTear::BODY
+        };
+        let world = World::phantom_torn(&tear, 0.5);
+        for aim in [Aim::Lesion, world.papers_ends()] {
+            let target = world.draw(&aim, Some(&world.lesion)).unwrap();
+            let points = target.spline.points_every(0.1);
+            let least_mm = Rules::default().lesion_margin_mm - 2.0 * FIT_SLACK_MM;
+            for damaged in &world.lesion.points {
+                assert!(target.band.contains(damaged, &world.crescent));
+                let flat = |point: &Point3| (point.xy() - damaged.xy()).norm();
+                let nearest_mm = points.iter().map(flat).fold(f64::INFINITY, f64::min);
+                assert!(nearest_mm > least_mm, "{nearest_mm} mm");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_target_around_a_tear_leaves_the_free_edge_without_a_jump_in_curvature() {
+    let world = World::torn_phantom();
+    let target = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap();
+    for end in [target.spline.point(0.0), target.spline.point(1.0)] {
+        let edge_mm = world.crescent.edge_mm(world.crescent.angle_rad(&end));
+        let depth_mm = end.xy().coords.norm() - edge_mm.unwrap();
+        assert!(depth_mm.abs() < 0.05, "{depth_mm} mm");
+    }
+    // A raised cosine would bend away from the edge with 0.6 /mm at once.
+    let edge_curvature_per_mm = 0.0..0.2;
+    for at in [0.0, 1.0] {
+        let curvature_per_mm = target.spline.curvature_per_mm(at);
+        assert!(
+            edge_curvature_per_mm.contains(&curvature_per_mm),
+            "{curvature_per_mm} /mm"
+        );
+    }
+}
+
+#[test]
+fn a_wider_lesion_is_reached_around_further() {
+    let narrow = World::torn_phantom();
+    let wide = World::phantom_torn(
+        &RadialTear {
+            width_mm: 12.0,
+            ..RadialTear::BODY
+        },
+        0.5,
+    );
+    let length_mm = |world: &World| {
+        let target = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap();
+        target.spline.length_mm()
+    };
+    assert!(length_mm(&wide) > length_mm(&narrow) + 4.0);
+}
+
+#[test]
+fn a_target_around_no_lesion_is_refused() {
+    let world = World::torn_phantom();
+    let nothing = Lesion::of_voxels(vec![false; world.voxels.centers().len()], &world.voxels);
+    for lesion in [None, Some(&nothing)] {
+        let refusal = world.draw(&Aim::Lesion, lesion);
+        assert!(matches!(
+            refusal,
+            Err(Error::Invalid {
+                field: "lesion",
+                ..
+            })
+        ));
+    }
+}
+
+#[test]
+fn a_lesion_beyond_start_and_goal_is_refused() {
+    let world = World::torn_phantom();
+    let aim = world.ends(phantom::START, Point3::new(54.0, 57.0, 57.0));
+    let refusal = world.draw(&aim, Some(&world.lesion));
+    assert!(matches!(refusal, Err(Error::LesionBeyondPath { .. })));
+}
+
+#[test]
+fn an_end_too_near_the_rim_is_refused_with_the_rim_it_leaves() {
+    let world = World::torn_phantom();
+    let rules = Rules {
+        rim_min_mm: 4.0,
+        ..Rules::default()
+    };
+    let aim = world.papers_ends();
+    match Target::draw(&aim, &rules, None, &world.crescent, &world.voxels) {
+        Err(Error::RimBelowLimit { rim_mm, at, .. }) => {
+            assert!((3.0..4.0).contains(&rim_mm), "{rim_mm} mm");
+            assert!((at - phantom::GOAL).norm() < 2.0, "{at}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_tear_that_leaves_too_little_rim_is_refused_with_what_would_make_it_possible() {
+    let deep = RadialTear {
+        depth_fraction: 0.8,
+        phi_rad: 0.5,
+        ..RadialTear::BODY
+    };
+    let world = World::phantom_torn(&deep, 0.5);
+    let refusal = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap_err();
+    let Error::RimBelowLimit {
+        rim_mm, angle_rad, ..
+    } = refusal
+    else {
+        panic!("{refusal:?}");
+    };
+    assert!((1.0..2.0).contains(&rim_mm), "{rim_mm} mm");
+    let said = refusal.to_string();
+    let degrees = format!("{rim_mm:.2} mm < 3 mm at {:.0} deg", angle_rad.to_degrees());
+    assert!(said.contains(&degrees), "{said}");
+    assert!(
+        said.contains(&format!("{:.2} mm nearer", 3.0 - rim_mm)),
+        "{said}"
+    );
+    let rules = Rules {
+        rim_min_mm: rim_mm,
+        ..Rules::default()
+    };
+    let lesion = Some(&world.lesion);
+    assert!(Target::draw(&Aim::Lesion, &rules, lesion, &world.crescent, &world.voxels).is_ok());
+}
+
+#[test]
+fn start_and_goal_at_the_same_place_are_refused() {
+    let world = World::torn_phantom();
+    let refusal = world.draw(&world.ends(phantom::START, phantom::START), None);
+    assert!(matches!(refusal, Err(Error::Invalid { .. })));
+}
