@@ -2,7 +2,7 @@
 //!
 //! A plan is made in stages, each a module: the meniscus becomes [`voxels`] in the axes of its
 //! [`crescent`]; the [`reference`] contour leads from start to goal outboard of the [`lesion`]; the
-//! paper's [`rrt`] follows it through the tissue; the [`bites`] of the [`jaw`] clear what lies inboard
+//! [`paper`]'s tree follows it through the tissue; the [`bites`] of the [`jaw`] clear what lies inboard
 //! of it; the [`evaluation`] scores them. [`plan`] runs the stages, [`server`] serves them. All but the
 //! server is pure: same request and seed, same plan.
 
@@ -16,9 +16,9 @@ pub mod error;
 pub mod evaluation;
 pub mod jaw;
 pub mod lesion;
+pub mod paper;
 pub mod plan;
 pub mod reference;
-pub mod rrt;
 pub mod server;
 pub mod voxels;
 

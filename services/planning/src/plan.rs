@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
+use crate::paper::{self, Search};
 use crate::reference::{Ends, Reference};
-use crate::rrt::{self, Search};
 use crate::voxels::Voxels;
 
 /// How far a lesion's points are looked for beside the tissue of a model that is scored, mm.
@@ -132,7 +132,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         let point = crescent.ct_from_meniscal * *point;
         point.inf(&low) == low && point.sup(&high) == high
     };
-    let path = rrt::search(
+    let path = paper::search(
         &reference.spline,
         &voxels,
         &request.search,

@@ -10,8 +10,8 @@ use tonic::Status;
 
 use crate::contour::MIN_CONTROL_POINTS;
 use crate::jaw::{Bite, Jaw};
+use crate::paper::{Cost, Search};
 use crate::plan;
-use crate::rrt::Search;
 
 /// Most points of a contour.
 const MAX_CONTOUR_POINTS: usize = 10_000;
@@ -85,6 +85,7 @@ pub(super) fn plan(options: &proto::PlanResectionOptions) -> Result<plan::Reques
         voxel_mm: check.voxel(options.voxel_mm),
         rim_min_mm: check.number("options.rim_min_mm", options.rim_min_mm, 3.0, RIM_MIN_MM),
         search: Search {
+            cost: Cost::Corrected,
             step_mm: check.number("options.step_mm", options.step_mm, 1.0, STEP_MM),
             tolerance_mm: check.number(
                 "options.tolerance_mm",
