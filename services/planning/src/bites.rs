@@ -12,6 +12,7 @@
 
 mod anneal;
 mod bound;
+mod exhaustion;
 mod greedy;
 mod order;
 mod poses;
@@ -62,8 +63,8 @@ pub struct Access<'a> {
     /// Rim that must be left beyond the contour, mm.
     pub rim_min_mm: f64,
     /// How far in the plane an executed bite may lie from the planned one and still the lesion must
-    /// be covered, mm.
-    pub placement_error_mm: f64,
+    /// be covered, mm. `None`: the lesion needs no more care than the region.
+    pub placement_error_mm: Option<f64>,
 }
 
 /// The bites chosen.
@@ -134,7 +135,8 @@ pub fn choose(
         Ok(())
     };
     let poses = poses::over(task, &region, access, |share| hear(0.3 * share, None, None))?;
-    let mut problem = Problem::of(poses, &region, task, rules);
+    let lesion = access.placement_error_mm.map(|_| task.lesion);
+    let mut problem = Problem::of(poses, &region, lesion, task, rules);
     let mut complete = true;
     if let Some(shortfall) = shortfall::of(&problem, &region, task, rules) {
         if rules.partial == Partial::Refuse {

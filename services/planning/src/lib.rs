@@ -1,10 +1,11 @@
 //! arthro-planning: decides which bites leave a smooth crescent.
 //!
 //! A plan is made in stages, each a module: the meniscus becomes [`voxels`] in the axes of its
-//! [`crescent`]; the contour of the [`target`] leads outboard of the [`lesion`]; the
-//! paper's [`rrt`] follows it through the tissue; the [`bites`] of the [`jaw`] clear what lies inboard
-//! of it; the [`evaluation`] scores them. [`plan`] runs the stages, [`server`] serves them. All but the
-//! server is pure: same request and seed, same plan.
+//! [`crescent`]; the contour of the [`target`] leads outboard of the [`lesion`]; the [`bites`] of the
+//! [`jaw`] clear what lies inboard of it, each at a time at which the [`tissue`] lets it; the
+//! [`evaluation`] scores them. The [`paper`]'s own planner stands beside it for comparison. [`plan`]
+//! runs the stages, [`server`] serves them. All but the server is pure: same request and seed, same
+//! plan.
 
 pub mod band;
 mod banded;
@@ -16,11 +17,11 @@ pub mod error;
 pub mod evaluation;
 pub mod jaw;
 pub mod lesion;
+pub mod paper;
 pub mod plan;
-pub mod rrt;
 pub mod server;
-pub mod tissue;
 pub mod target;
+pub mod tissue;
 pub mod voxels;
 
 use arthro_bootstrap::{BoxError, Drain, Service};

@@ -1,74 +1,131 @@
-//! Plans a resection: voxels, reference contour, path, bites, evaluation, in this order.
+//! Plans a resection: voxels, target, bites, evaluation, in this order.
 
-use std::ops::ControlFlow;
+mod model;
+mod scoring;
 
 use arthro_geometry::{Mesh, Point3};
 
-use crate::band::Band;
-use crate::bites::{self, Access};
+use crate::bites::{self, Access, Ended, Found, Partial, Patience};
 use crate::contour::Spline;
 use crate::crescent::Crescent;
 use crate::error::Error;
+use crate::evaluation::time::Timing;
 use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
-use crate::rrt::{self, Search};
-use crate::target::{Aim, Rules, Target};
+use crate::paper::{self, Search};
+use crate::target::{self, Target};
+use crate::tissue::THROAT_LIMIT;
 use crate::voxels::Voxels;
 
-/// How far a lesion's points are looked for beside the tissue of a model that is scored, mm.
-const DEFAULT_TOLERANCE_MM: f64 = 1.0;
-/// Extent that a meniscus has, mm: a mesh in metres or inches is neither.
-const EXTENT_MM: std::ops::RangeInclusive<f64> = 10.0..=150.0;
-/// How far the volume by the triangles' direction may be from the solid's, as a share.
-const VOLUME_MISMATCH: f64 = 0.3;
-/// Distance of the portal from the nearest voxel of tissue, mm.
-const PORTAL_CLEARANCE_MM: f64 = 5.0;
+pub use model::model;
+pub use scoring::{EvaluationRequest, evaluate};
+
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
-/// Path between two control points of the curve that smooths it, mm.
-const SMOOTHING_MM: f64 = 2.5;
 /// Distance between the points of a contour handed out, mm.
 const CONTOUR_SPACING_MM: f64 = 0.5;
+/// What may go outside the region if nothing is said: so much, and this share of the region, but no
+/// more than the last, mm3.
+const OUTSIDE_LIMIT: (f64, f64, f64) = (2.0, 0.04, 15.0);
 
 /// What is to be planned; all points in ct, mm.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// The meniscus, a closed surface.
     pub model: Mesh,
-    /// The damaged tissue on a grid; empty: what lies between the free edge and the contour.
+    /// The damaged tissue on a grid; may be empty.
     pub lesion: Vec<Point3>,
     /// Distance between the lesion's points, mm.
     pub lesion_spacing_mm: f64,
-    /// Where the contour begins.
-    pub start: Point3,
-    /// Where the contour ends.
-    pub goal: Point3,
-    /// Lowest and highest corner of the box that holds all targets.
-    pub target_box: (Point3, Point3),
-    /// Where the forceps enter.
-    pub portal: Point3,
+    /// What the contour comes from.
+    pub aim: target::Aim,
+    /// What the contour has to keep.
+    pub contour_rules: target::Rules,
+    /// Lowest and highest corner of the box that holds all targets; `None`: anywhere.
+    pub target_box: Option<(Point3, Point3)>,
+    /// Where the forceps may enter; the first is the one they start with.
+    pub portals: Vec<Point3>,
     /// The jaw of the forceps.
     pub jaw: Jaw,
     /// Edge of the planning voxels, mm.
     pub voxel_mm: f64,
-    /// Rim that must be left, mm.
-    pub rim_min_mm: f64,
-    /// How the path is searched.
-    pub search: Search,
+    /// How the bites are chosen.
+    pub planner: Planner,
+    /// What the bites have to keep.
+    pub limits: Limits,
+    /// Same seed, same plan.
+    pub seed: u64,
+}
+
+/// How the bites are chosen.
+#[derive(Clone, Copy, Debug, Default)]
+pub enum Planner {
+    /// As few as clear the region, in an order in which each can be made.
+    #[default]
+    Bites,
+    /// The paper's: one on every point of a path through the tissue.
+    Paper(Search),
+}
+
+/// What the bites have to keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Share of the region that has to go, percent.
+    pub region_percent: f64,
+    /// How much may go outside it, mm3; `None`: 2 mm3 and 4 % of the region, at most 15 mm3.
+    pub outside_limit_mm3: Option<f64>,
+    /// How far in the plane an executed bite may lie from the planned one and still the lesion must
+    /// be covered, mm.
+    pub placement_error_mm: f64,
+    /// What to do where the region cannot be cleared.
+    pub partial: Partial,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            region_percent: 95.0,
+            outside_limit_mm3: None,
+            placement_error_mm: 0.3,
+            partial: Partial::Refuse,
+        }
+    }
 }
 
 /// The bites and what they are made from; all points in ct, mm.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// In the order of execution.
-    pub bites: Vec<Bite>,
+    pub bites: Vec<Planned>,
     /// The new free edge that the plan aims at.
     pub contour: Vec<Point3>,
-    /// The path of the RRT from start to goal.
+    /// The path of the paper's planner from start to goal; empty for the other.
     pub path: Vec<Point3>,
     /// The plan scored on the model it was made for; `rim_min_at` in ct.
     pub evaluation: Evaluation,
+    /// How good the choice is; `None` for the paper's planner, which does not choose.
+    pub choice: Option<Choice>,
+}
+
+/// A bite of a plan, ct.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// The bite.
+    pub bite: Bite,
+    /// Through which of the request's portals.
+    pub portal: usize,
+}
+
+/// How good a choice of bites is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// No fewer bites of those considered can clear enough, in whatever order.
+    pub bound: usize,
+    /// Whether all that was to go goes; `false` only where a partial plan was asked for.
+    pub complete: bool,
+    /// Why the search ended.
+    pub ended: Ended,
 }
 
 /// What is being done.
@@ -76,81 +133,56 @@ pub struct Plan {
 pub struct Progress {
     /// The stage's name.
     pub stage: &'static str,
-    /// RRT iterations so far.
-    pub iterations: u32,
     /// Share of the whole work, 0..1, an estimate.
     pub fraction: f64,
+    /// Iterations of the paper's search so far.
+    pub iterations: u32,
+    /// Bites of the best plan so far.
+    pub incumbent: Option<usize>,
+    /// The least number of bites possible.
+    pub bound: Option<usize>,
 }
 
-/// Hears of the progress and may end the work.
-pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
-
-/// Plans the bites.
-pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
-    let mut iterations = 0;
-    let mut report = |stage, iterations, fraction| {
-        let progress = Progress {
+/// Plans the bites. `watch` hears of the progress; `patience` is asked often and from several threads.
+pub fn plan(
+    request: &Request,
+    patience: &(dyn Fn() -> Patience + Sync),
+    watch: &mut dyn FnMut(Progress),
+) -> Result<Plan, Error> {
+    let mut stage = |stage, fraction| {
+        watch(Progress {
             stage,
-            iterations,
             fraction,
-        };
-        watch(progress)
+            iterations: 0,
+            incumbent: None,
+            bound: None,
+        });
+        match patience() {
+            Patience::Stop => Err(Error::Cancelled),
+            _ => Ok(()),
+        }
     };
-    go_on(report("voxels", 0, 0.0))?;
-    let tolerance_mm = request.search.tolerance_mm;
-    let (crescent, voxels) = model(
-        &request.model,
-        &request.portal,
-        request.voxel_mm,
-        tolerance_mm,
-    )?;
-    check_places(request, &crescent, &voxels)?;
-    let lesion = match request.lesion.as_slice() {
-        [] => None,
-        points => Some(Lesion::of(
-            points,
-            request.lesion_spacing_mm,
-            &crescent,
-            &voxels,
-            tolerance_mm,
-        )?),
-    };
+    stage("voxels", 0.0)?;
+    let first = request.portals.first().ok_or_else(no_portal)?;
+    let tolerance_mm = request.contour_rules.tolerance_mm;
+    let (crescent, voxels) = model(&request.model, first, request.voxel_mm, tolerance_mm)?;
+    model::check_places(request, &crescent, &voxels)?;
+    let lesion = lesion(request, &crescent, &voxels)?;
 
-    go_on(report("contour", 0, 0.1))?;
+    stage("contour", 0.1)?;
+    let aim = request.aim.carried(&crescent.ct_from_meniscal.inverse());
+    let rules = &request.contour_rules;
+    let target = Target::draw(&aim, rules, lesion.as_ref(), &crescent, &voxels)?;
+
+    stage("bites", 0.2)?;
     let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let aim = Aim::Ends {
-        start: meniscal_from_ct * request.start,
-        goal: meniscal_from_ct * request.goal,
-    };
-    let rules = Rules {
-        tolerance_mm,
-        rim_min_mm: request.rim_min_mm,
-        lesion_margin_mm: 0.65,
-        ..Rules::default()
-    };
-    let target = Target::draw(&aim, &rules, lesion.as_ref(), &crescent, &voxels)?;
-
-    go_on(report("rrt", 0, 0.2))?;
-    let (low, high) = request.target_box;
-    let in_box = |point: &Point3| {
-        let point = crescent.ct_from_meniscal * *point;
-        point.inf(&low) == low && point.sup(&high) == high
-    };
-    let path = rrt::search(
-        &target.spline,
-        &voxels,
-        &request.search,
-        in_box,
-        |iteration| {
-            iterations = iteration;
-            let share = f64::from(iteration) / f64::from(request.search.max_iterations);
-            report("rrt", iteration, 0.2 + 0.2 * share)
-        },
-    )?;
-
-    go_on(report("bites", path.iterations, 0.4))?;
-    // A region that nobody called a lesion need not survive a displaced bite.
-    let placement_error_mm = lesion.as_ref().map_or(0.0, |_| bites::PLACEMENT_ERROR_MM);
+    let portals = request
+        .portals
+        .iter()
+        .map(|portal| meniscal_from_ct * *portal);
+    let portals: Vec<Point3> = portals.collect();
+    // A region that nobody called a lesion need not be covered by displaced bites.
+    let placement_error_mm = lesion.as_ref().map(|_| request.limits.placement_error_mm);
     let lesion = lesion.unwrap_or_else(|| Lesion::inboard_of(&target.band, &crescent, &voxels));
     let task = Task {
         crescent: &crescent,
@@ -158,31 +190,36 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         lesion: &lesion,
         band: Some(&target.band),
         jaw: request.jaw,
+        portals: &portals,
+        timing: Timing::default(),
+        throat_limit: THROAT_LIMIT,
     };
-    let inboard = task.region().iter().filter(|inboard| **inboard).count();
-    let region_mm3 = inboard as f64 * voxels.voxel_mm3();
-    if region_mm3 < MIN_REGION_MM3 {
-        return Err(Error::NothingToRemove {
-            region_mm3,
-            limit_mm3: MIN_REGION_MM3,
-        });
-    }
-    let access = Access {
-        portal: meniscal_from_ct * request.portal,
-        allowed: &in_box,
-        rim_min_mm: request.rim_min_mm,
+    let region_mm3 = region_mm3(&task)?;
+    let work = Work {
+        request,
+        task: &task,
+        contour: &target.spline,
         placement_error_mm,
+        region_mm3,
     };
-    let along = smoothed(&path.points)?;
-    let bites = bites::choose(&task, &along, &access, |share| {
-        report("bites", path.iterations, 0.4 + 0.5 * share)
-    })?;
-    if bites.is_empty() {
-        return Err(Error::NoBite { region_mm3 });
-    }
+    let Bitten {
+        bites,
+        path,
+        choice,
+    } = match request.planner {
+        Planner::Bites => work.fewest(patience, watch)?,
+        Planner::Paper(search) => work.paper(&search, patience, watch)?,
+    };
 
-    go_on(report("evaluation", path.iterations, 0.9))?;
-    let mut evaluation = task.evaluate(&bites);
+    watch(Progress {
+        stage: "evaluation",
+        fraction: 0.95,
+        iterations: 0,
+        incumbent: choice.map(|_| bites.len()),
+        bound: choice.map(|choice| choice.bound),
+    });
+    let local: Vec<Bite> = bites.iter().map(|(_, bite)| *bite).collect();
+    let mut evaluation = task.evaluate(&local);
     evaluation.rim_min_at = crescent.ct_from_meniscal * evaluation.rim_min_at;
     let into_ct = |points: Vec<Point3>| {
         let points = points.into_iter();
@@ -190,189 +227,155 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
             .map(|point| crescent.ct_from_meniscal * point)
             .collect()
     };
+    let planned = |(portal, bite): &(usize, Bite)| Planned {
+        bite: target
+            .meeting(bite, &task.jaw)
+            .carried(&crescent.ct_from_meniscal),
+        portal: *portal,
+    };
     Ok(Plan {
-        bites: bites
-            .iter()
-            .map(|bite| bite.carried(&crescent.ct_from_meniscal))
-            .collect(),
+        bites: bites.iter().map(planned).collect(),
         contour: into_ct(target.spline.points_every(CONTOUR_SPACING_MM)),
-        path: into_ct(path.points),
+        path: into_ct(path),
         evaluation,
+        choice,
     })
 }
 
-/// Bites to be scored; all points in ct, mm.
-#[derive(Clone, Debug)]
-pub struct EvaluationRequest {
-    /// The meniscus, a closed surface.
-    pub model: Mesh,
-    /// The damaged tissue on a grid; empty: what lies inboard of the contour.
-    pub lesion: Vec<Point3>,
-    /// Distance between the lesion's points, mm.
-    pub lesion_spacing_mm: f64,
-    /// The new free edge that was aimed at; empty: the lesion is the region.
-    pub contour: Vec<Point3>,
-    /// The bites, from whatever source.
-    pub bites: Vec<Bite>,
-    /// The jaw of the forceps.
-    pub jaw: Jaw,
-    /// Edge of the voxels, mm.
-    pub voxel_mm: f64,
+/// What a planner hands back, in the axes of the crescent.
+struct Bitten {
+    bites: Vec<(usize, Bite)>,
+    path: Vec<Point3>,
+    choice: Option<Choice>,
 }
 
-/// Scores bites on a model; `rim_min_at` in ct.
-pub fn evaluate(request: &EvaluationRequest) -> Result<Evaluation, Error> {
-    if request.lesion.is_empty() && request.contour.is_empty() {
-        return Err(Error::invalid(
-            "options.contour",
-            "is empty and no lesion is given; at least one of them says what was to be removed",
-        ));
-    }
-    // The jaws open upwards; without a bite any side is as good.
-    let above = request.bites.first().map_or_else(Point3::origin, |bite| {
-        bite.center + bite.opening * *EXTENT_MM.end()
-    });
-    let (crescent, voxels) = model(
-        &request.model,
-        &above,
-        request.voxel_mm,
-        DEFAULT_TOLERANCE_MM,
-    )?;
-    let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let contour: Vec<Point3> = request
-        .contour
-        .iter()
-        .map(|point| meniscal_from_ct * *point)
-        .collect();
-    let band = (!contour.is_empty()).then(|| Band::inboard_of(&contour, &crescent));
-    let lesion = match &band {
-        Some(band) if request.lesion.is_empty() => Lesion::inboard_of(band, &crescent, &voxels),
-        _ => Lesion::of(
-            &request.lesion,
-            request.lesion_spacing_mm,
-            &crescent,
-            &voxels,
-            DEFAULT_TOLERANCE_MM,
-        )?,
-    };
-    let task = Task {
-        crescent: &crescent,
-        voxels: &voxels,
-        lesion: &lesion,
-        band: band.as_ref(),
-        jaw: request.jaw,
-    };
-    let bites: Vec<Bite> = request
-        .bites
-        .iter()
-        .map(|bite| bite.carried(&meniscal_from_ct))
-        .collect();
-    let mut evaluation = task.evaluate(&bites);
-    evaluation.rim_min_at = crescent.ct_from_meniscal * evaluation.rim_min_at;
-    Ok(evaluation)
+/// What both planners work on.
+struct Work<'a> {
+    request: &'a Request,
+    task: &'a Task<'a>,
+    contour: &'a Spline,
+    placement_error_mm: Option<f64>,
+    region_mm3: f64,
 }
 
-/// The crescent and the voxels of a model, checked to have the size of a meniscus.
-pub fn model(
-    mesh: &Mesh,
-    above: &Point3,
-    voxel_mm: f64,
-    margin_mm: f64,
-) -> Result<(Crescent, Voxels), Error> {
-    arthro_geometry::volume::check(mesh)?;
-    let (low, high) = mesh.bounds().ok_or(arthro_geometry::volume::Error::Empty)?;
-    let extent_mm = (high - low).max();
-    if !EXTENT_MM.contains(&extent_mm) {
-        return Err(Error::invalid(
-            "model",
-            format!(
-                "is {extent_mm:.4} mm long; must be {} .. {} mm: are the vertices in millimetres?",
-                EXTENT_MM.start(),
-                EXTENT_MM.end()
-            ),
-        ));
+impl Work<'_> {
+    fn in_box(&self, point: &Point3) -> bool {
+        let Some((low, high)) = self.request.target_box else {
+            return true;
+        };
+        let point = self.task.crescent.ct_from_meniscal * *point;
+        point.inf(&low) == low && point.sup(&high) == high
     }
-    let crescent = Crescent::of(mesh, above)?;
-    let voxels = Voxels::of(mesh, &crescent, voxel_mm, margin_mm)?;
-    let solid_mm3 = voxels.centers().len() as f64 * voxels.voxel_mm3();
-    let signed_mm3 = mesh.volume_mm3().abs();
-    if (signed_mm3 / solid_mm3 - 1.0).abs() > VOLUME_MISMATCH {
-        return Err(Error::invalid(
-            "model",
-            format!(
-                "has triangles that face both ways: they enclose {signed_mm3:.0} mm3 by their \
-                 direction and {solid_mm3:.0} mm3 by their place"
-            ),
-        ));
-    }
-    Ok((crescent, voxels))
-}
 
-/// Start, goal, box and portal must fit the tissue.
-fn check_places(request: &Request, crescent: &Crescent, voxels: &Voxels) -> Result<(), Error> {
-    let (low, high) = request.target_box;
-    let in_box = |point: &Point3| point.inf(&low) == low && point.sup(&high) == high;
-    let tissue = voxels.centers().iter();
-    if !tissue
-        .clone()
-        .any(|center| in_box(&(crescent.ct_from_meniscal * *center)))
-    {
-        return Err(Error::invalid(
-            "options.target_box",
-            "holds no tissue of the model",
-        ));
-    }
-    let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let limit_mm = request.search.tolerance_mm;
-    for (field, point) in [
-        ("options.start", request.start),
-        ("options.goal", request.goal),
-    ] {
-        if !in_box(&point) {
-            return Err(Error::invalid(field, "lies outside options.target_box"));
+    fn fewest(
+        &self,
+        patience: &(dyn Fn() -> Patience + Sync),
+        watch: &mut dyn FnMut(Progress),
+    ) -> Result<Bitten, Error> {
+        let limits = &self.request.limits;
+        let access = Access {
+            portals: self.task.portals,
+            allowed: &|_, bite| self.in_box(&bite.center),
+            rim_min_mm: self.request.contour_rules.rim_min_mm,
+            placement_error_mm: self.placement_error_mm,
+        };
+        let (base_mm3, share, most_mm3) = OUTSIDE_LIMIT;
+        let usual_mm3 = (base_mm3 + share * self.region_mm3).min(most_mm3);
+        let rules = bites::Rules {
+            region_share: limits.region_percent / 100.0,
+            outside_limit_mm3: limits.outside_limit_mm3.unwrap_or(usual_mm3),
+            throat_limit: self.task.throat_limit,
+            partial: limits.partial,
+        };
+        let mut hear = |found: Found| {
+            watch(Progress {
+                stage: "bites",
+                fraction: 0.2 + 0.75 * found.fraction,
+                iterations: 0,
+                incumbent: found.incumbent,
+                bound: found.bound,
+            });
+        };
+        let seed = self.request.seed;
+        let chosen = bites::choose(self.task, &access, &rules, seed, patience, &mut hear)?;
+        if chosen.bites.is_empty() {
+            let region_mm3 = self.region_mm3;
+            return Err(Error::NoBite { region_mm3 });
         }
-        if voxels
-            .distance_mm(&(meniscal_from_ct * point), limit_mm)
-            .is_none()
-        {
-            return Err(Error::invalid(
-                field,
-                format!("is further than options.tolerance_mm, {limit_mm} mm, from tissue"),
-            ));
-        }
+        Ok(Bitten {
+            bites: chosen.bites,
+            path: Vec::new(),
+            choice: Some(Choice {
+                bound: chosen.bound,
+                complete: chosen.complete,
+                ended: chosen.ended,
+            }),
+        })
     }
-    let portal = meniscal_from_ct * request.portal;
-    if let Some(distance_mm) = voxels.distance_mm(&portal, PORTAL_CLEARANCE_MM) {
-        return Err(Error::invalid(
-            "options.portal",
-            format!(
-                "is {distance_mm:.1} mm from tissue; must be more than {PORTAL_CLEARANCE_MM} mm"
-            ),
-        ));
+
+    fn paper(
+        &self,
+        search: &Search,
+        patience: &(dyn Fn() -> Patience + Sync),
+        watch: &mut dyn FnMut(Progress),
+    ) -> Result<Bitten, Error> {
+        let allowed = |point: &Point3| self.in_box(point);
+        let path = paper::search(
+            self.contour,
+            self.task.voxels,
+            search,
+            allowed,
+            |iterations| {
+                let share = f64::from(iterations) / f64::from(search.max_iterations);
+                watch(Progress {
+                    stage: "rrt",
+                    fraction: 0.2 + 0.75 * share,
+                    iterations,
+                    incumbent: None,
+                    bound: None,
+                });
+                match patience() {
+                    Patience::GoOn => std::ops::ControlFlow::Continue(()),
+                    // Half a path is no path.
+                    Patience::Hurry | Patience::Stop => std::ops::ControlFlow::Break(()),
+                }
+            },
+        )?;
+        let superior = arthro_geometry::Vector3::z();
+        let bites = paper::bites(&path.points, &self.task.portals[0], &superior)?;
+        Ok(Bitten {
+            bites: bites.into_iter().map(|bite| (0, bite)).collect(),
+            path: path.points,
+            choice: None,
+        })
     }
-    Ok(())
 }
 
-/// The curve that the RRT's points jitter about.
-fn smoothed(points: &[Point3]) -> Result<Spline, Error> {
-    const PIECES: usize = 4;
-    let length_mm: f64 = points
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]).norm())
-        .sum();
-    let mut dense: Vec<Point3> = Vec::with_capacity(points.len() * PIECES);
-    for pair in points.windows(2) {
-        let pieces = (0..PIECES).map(|piece| piece as f64 / PIECES as f64);
-        dense.extend(pieces.map(|share| pair[0] + (pair[1] - pair[0]) * share));
-    }
-    dense.extend(points.last());
-    let control_points = (length_mm / SMOOTHING_MM).ceil() as usize + 4;
-    Ok(Spline::fit(&dense, control_points.min(dense.len()))?)
+fn no_portal() -> Error {
+    Error::invalid("options.portal", "is missing; the forceps need one")
 }
 
-fn go_on(flow: ControlFlow<()>) -> Result<(), Error> {
-    match flow {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(Error::Cancelled),
+fn lesion(
+    request: &Request,
+    crescent: &Crescent,
+    voxels: &Voxels,
+) -> Result<Option<Lesion>, Error> {
+    if request.lesion.is_empty() {
+        return Ok(None);
     }
+    let (points, spacing_mm) = (&request.lesion, request.lesion_spacing_mm);
+    let tolerance_mm = request.contour_rules.tolerance_mm;
+    Lesion::of(points, spacing_mm, crescent, voxels, tolerance_mm).map(Some)
+}
+
+fn region_mm3(task: &Task<'_>) -> Result<f64, Error> {
+    let inboard = task.region().iter().filter(|inboard| **inboard).count();
+    let region_mm3 = inboard as f64 * task.voxels.voxel_mm3();
+    if region_mm3 < MIN_REGION_MM3 {
+        return Err(Error::NothingToRemove {
+            region_mm3,
+            limit_mm3: MIN_REGION_MM3,
+        });
+    }
+    Ok(region_mm3)
 }

@@ -7,10 +7,10 @@ mod answer;
 mod intake;
 mod options;
 
-use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
+use arthro_bootstrap::calls::Deadline;
 use arthro_bootstrap::status;
 use arthro_proto::planning::v1::planning_service_server::PlanningService;
 use arthro_proto::planning::v1::{
@@ -21,6 +21,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
+use crate::bites::Patience;
 use crate::config::Config;
 use crate::contour::Spline;
 use crate::plan::{self, Progress};
@@ -29,6 +30,9 @@ use crate::plan::{self, Progress};
 const EVENTS: usize = 16;
 /// Most samples that `FitContour` answers.
 const MAX_SAMPLES: f64 = 50_000.0;
+
+/// Share of a call's time that is kept for the answer: the search ends with what it has.
+const ANSWERING_SHARE: f64 = 0.1;
 
 type Event = Result<PlanResectionResponse, Status>;
 
@@ -74,6 +78,7 @@ impl PlanningService for Planning {
         &self,
         request: Request<Streaming<PlanResectionRequest>>,
     ) -> Result<Response<Self::PlanResectionStream>, Status> {
+        let deadline = request.extensions().get::<Deadline>().copied();
         let turn = self.turn().await?;
         let request = intake::plan(request.into_inner()).await?;
         let (events, answer) = mpsc::channel(EVENTS);
@@ -81,7 +86,7 @@ impl PlanningService for Planning {
         tokio::spawn(async move {
             let work = tokio::task::spawn_blocking(move || {
                 let _turn = turn;
-                plan_resection(&request, &events)
+                plan_resection(&request, deadline, &events)
             });
             let result = work.await.map_err(crashed).and_then(|result| result);
             if let Err(status) = &result {
@@ -128,29 +133,36 @@ fn fit_contour(wanted: &options::Contour) -> Result<FitContourResponse, Status> 
 
 fn plan_resection(
     request: &plan::Request,
+    deadline: Option<Deadline>,
     events: &mpsc::Sender<Event>,
 ) -> Result<PlanResectionResponse, Status> {
     let began = Instant::now();
+    let hurry_at = deadline.map(|deadline| {
+        let deadline = deadline.0.into_std();
+        let left = deadline.saturating_duration_since(began);
+        deadline - left.mul_f64(ANSWERING_SHARE)
+    });
+    let patience = || {
+        if events.is_closed() {
+            return Patience::Stop;
+        }
+        match hurry_at {
+            Some(hurry_at) if Instant::now() >= hurry_at => Patience::Hurry,
+            _ => Patience::GoOn,
+        }
+    };
     let mut stage = "";
     let mut watch = |progress: Progress| {
         let event = Ok(answer::progress(&progress));
-        let heard = if progress.stage == stage {
+        if progress.stage == stage {
             // Within a stage a slow client misses some reports rather than slowing the work.
-            !matches!(
-                events.try_send(event),
-                Err(mpsc::error::TrySendError::Closed(_))
-            )
+            let _ = events.try_send(event);
         } else {
             stage = progress.stage;
-            events.blocking_send(event).is_ok()
-        };
-        if heard {
-            ControlFlow::Continue(())
-        } else {
-            ControlFlow::Break(())
+            let _ = events.blocking_send(event);
         }
     };
-    let plan = plan::plan(request, &mut watch)?;
+    let plan = plan::plan(request, &patience, &mut watch)?;
     let seconds = began.elapsed().as_secs_f64();
     tracing::info!(
         bites = plan.bites.len(),

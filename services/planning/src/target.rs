@@ -11,12 +11,14 @@ mod drawn;
 mod heights;
 mod station;
 
-use arthro_geometry::Point3;
+use arthro_geometry::frame::Frame;
+use arthro_geometry::{Point3, Rigid};
 
 use crate::band::Band;
 use crate::contour::Spline;
 use crate::crescent::Crescent;
 use crate::error::Error;
+use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
 use crate::voxels::Voxels;
 
@@ -57,6 +59,22 @@ pub enum Aim {
         /// In order along the curve.
         points: Vec<Point3>,
     },
+}
+
+impl Aim {
+    /// The same in another frame.
+    pub fn carried<A: Frame, B: Frame>(&self, a_from_b: &Rigid<A, B>) -> Self {
+        match self {
+            Self::Ends { start, goal } => Self::Ends {
+                start: *a_from_b * *start,
+                goal: *a_from_b * *goal,
+            },
+            Self::Lesion => Self::Lesion,
+            Self::Curve { points } => Self::Curve {
+                points: points.iter().map(|point| *a_from_b * *point).collect(),
+            },
+        }
+    }
 }
 
 /// What every contour has to keep.
@@ -116,6 +134,23 @@ impl Target {
         target.check_lesion(lesion, crescent)?;
         target.check_rim(rules, crescent)?;
         Ok(target)
+    }
+
+    /// The bite with the point of the contour that the edge of its jaw meets, or comes nearest to.
+    pub fn meeting(&self, bite: &Bite, jaw: &Jaw) -> Bite {
+        let across = bite.opening.cross(&bite.approach);
+        let off_edge = |point: &Point3| {
+            let offset = point - bite.center;
+            let along = offset.dot(&bite.approach).abs() / jaw.length_mm;
+            let aside = offset.dot(&across).abs() / jaw.width_mm;
+            (along.max(aside) - 0.5).abs()
+        };
+        let points = self.spline.points_every(BAND_SPACING_MM).into_iter();
+        let nearest = points.min_by(|a, b| off_edge(a).total_cmp(&off_edge(b)));
+        Bite {
+            contour_point: nearest.unwrap_or(bite.center),
+            ..*bite
+        }
     }
 
     fn of(spline: Spline, crescent: &Crescent) -> Self {

@@ -138,6 +138,14 @@ impl Voxels {
         (distance_mm <= limit_mm).then_some(distance_mm)
     }
 
+    /// Whether a point is in tissue or within `limit_mm` of a voxel of it.
+    pub fn is_within(&self, point: &Point3, limit_mm: f64) -> bool {
+        let own = self.solid.grid.cell_at(point);
+        // Most points asked for are in tissue: the window around them need not be scanned.
+        own.is_some_and(|cell| self.solid.is_inside(cell))
+            || self.distance_mm(point, limit_mm).is_some()
+    }
+
     /// Height of the middle of the tissue at a place in the plane, mm; beside the tissue that of the
     /// nearest column within `limit_mm`.
     pub fn middle_mm(&self, x: f64, y: f64, limit_mm: f64) -> Option<f64> {

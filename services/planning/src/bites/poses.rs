@@ -166,7 +166,9 @@ impl<'a> Ground<'a> {
             lesion,
             ..
         } = self.task;
-        let error_mm = self.access.placement_error_mm;
+        let Some(error_mm) = self.access.placement_error_mm else {
+            return Vec::new();
+        };
         let ways: [Cut; DISPLACEMENTS] = std::array::from_fn(|way| {
             let angle = TAU * way as f64 / (DISPLACEMENTS - 1) as f64;
             let length_mm = if way == 0 { 0.0 } else { error_mm };

@@ -5,6 +5,7 @@ use super::Rules;
 use super::poses::{DISPLACEMENTS, Pose};
 use crate::evaluation::Task;
 use crate::jaw::Bite;
+use crate::lesion::Lesion;
 
 /// A whole throat; in integers sums do not depend on their order.
 pub(super) const WHOLE_THROAT: u32 = 1 << 16;
@@ -60,9 +61,19 @@ pub(super) struct Candidate {
 
 impl Problem {
     /// The problem of clearing `region` with `poses`. A pose whose throat nobody can free is left out.
-    pub(super) fn of(poses: Vec<Pose>, region: &[bool], task: &Task<'_>, rules: &Rules) -> Self {
+    /// All of `lesion` has to go.
+    pub(super) fn of(
+        poses: Vec<Pose>,
+        region: &[bool],
+        lesion: Option<&Lesion>,
+        task: &Task<'_>,
+        rules: &Rules,
+    ) -> Self {
         let numbers = Numbers::of(&poses, region);
-        let lesion = Numbers::of_marks(&task.lesion.marks);
+        let lesion = match lesion {
+            Some(lesion) => Numbers::of_marks(&lesion.marks),
+            None => Numbers::of_marks(&vec![false; region.len()]),
+        };
         let undisplaced = lesion.count;
         let displaced = undisplaced * (DISPLACEMENTS - 1);
         let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;

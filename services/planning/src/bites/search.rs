@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::anneal::{self, Aim, Moves};
+use super::exhaustion::{self, Exhaustion};
 use super::order::{self, Gone};
 use super::problem::Problem;
 use super::selection::Selection;
@@ -15,8 +16,8 @@ use crate::error::Error;
 
 /// Annealings of one number of bites before it is given up; they run side by side.
 const ATTEMPTS: usize = 4;
-/// Exchanges of one annealing.
-const STEPS: usize = 60_000;
+/// Exchanges of one annealing for each bite of the set.
+const STEPS_A_BITE: usize = 4_000;
 /// How many bites more than the greedy choice are tried where that misses something.
 const MORE_BITES: usize = 6;
 
@@ -32,6 +33,8 @@ pub(super) struct Search<'a> {
     pub(super) best: Selection<'a>,
     /// The least number of bites possible.
     pub(super) bound: usize,
+    /// So many bites, or fewer, were tried in vain.
+    failed: usize,
     pub(super) ended: Ended,
 }
 
@@ -49,7 +52,8 @@ impl<'a> Search<'a> {
             problem,
             seed,
             patience,
-            bound: bound.whole(),
+            bound: bound.whole().max(1),
+            failed: 0,
             ended: Ended::Effort,
         }
     }
@@ -91,35 +95,70 @@ impl<'a> Search<'a> {
         greedy::best(self.problem, &self.prices, &self.best, &gone)
     }
 
-    /// One bite fewer; whether that succeeds.
+    /// Seeks a set of fewer bites; whether there is more to try.
     pub(super) fn improve(&mut self) -> Result<bool, Error> {
-        if self.best.chosen.len() <= self.bound {
+        self.drop_idle();
+        let bites = self.best.chosen.len();
+        if bites <= self.bound {
             self.ended = Ended::Optimal;
             return Ok(false);
         }
-        let mut fewer = self.best.clone();
-        fewer.remove(self.best.least_useful());
-        let mut tried = self.anneal(&fewer)?.into_iter();
-        if let Some((_, set)) = tried.find(|(complete, _)| *complete) {
-            self.best = set;
-            return Ok(true);
+        match exhaustion::of(self.problem, bites - 1, &self.go_on()) {
+            Exhaustion::Found(chosen) => {
+                self.best.replace(&chosen);
+                return Ok(true);
+            }
+            Exhaustion::None => {
+                self.bound = bites;
+                self.ended = Ended::Optimal;
+                return Ok(false);
+            }
+            Exhaustion::TooMany => self.not_stopped()?,
         }
-        self.ended = match (self.patience)() {
-            Patience::GoOn => Ended::Effort,
-            _ => Ended::Deadline,
-        };
-        Ok(false)
+        // Half way between what is known and what failed, or the bound.
+        let failed = self.failed.max(self.bound - 1);
+        let step = (bites - failed) / 2;
+        if step == 0 {
+            return Ok(false);
+        }
+        let mut fewer = self.best.clone();
+        for _ in 0..step {
+            fewer.remove(fewer.least_useful());
+        }
+        let mut tried = self.anneal(&fewer)?.into_iter();
+        match tried.find(|(complete, _)| *complete) {
+            Some((_, set)) => self.best = set,
+            None => self.failed = bites - step,
+        }
+        if (self.patience)() != Patience::GoOn {
+            self.ended = Ended::Deadline;
+            return Ok(false);
+        }
+        Ok(true)
+    }
+
+    /// Takes out bites that nothing needs.
+    fn drop_idle(&mut self) {
+        while !self.best.chosen.is_empty() {
+            let mut fewer = self.best.clone();
+            fewer.remove(fewer.least_useful());
+            if !fewer.is_complete() {
+                return;
+            }
+            self.best = fewer;
+        }
     }
 
     /// Makes the best of the number found.
     pub(super) fn polish(&mut self) -> Result<(), Error> {
         let mut random = self.random(0);
-        let go_on = || (self.patience)() == Patience::GoOn;
+        let go_on = self.go_on();
+        let steps = STEPS_A_BITE * self.best.chosen.len();
         anneal::run(
             &mut self.best,
             Aim::Best,
             &self.moves,
-            STEPS,
+            steps,
             &mut random,
             &go_on,
         );
@@ -135,11 +174,12 @@ impl<'a> Search<'a> {
                 || first.load(Ordering::Relaxed) > attempt && (self.patience)() == Patience::GoOn;
             let mut set = set.clone();
             let mut random = self.random(1 + attempt as u64 + (ATTEMPTS * set.chosen.len()) as u64);
+            let steps = STEPS_A_BITE * set.chosen.len();
             anneal::run(
                 &mut set,
                 Aim::Complete,
                 &self.moves,
-                STEPS,
+                steps,
                 &mut random,
                 &go_on,
             );
@@ -152,6 +192,11 @@ impl<'a> Search<'a> {
         let tried = (0..ATTEMPTS).into_par_iter().map(attempt).collect();
         self.not_stopped()?;
         Ok(tried)
+    }
+
+    fn go_on(&self) -> impl Fn() -> bool + Sync + 'a {
+        let patience = self.patience;
+        move || patience() == Patience::GoOn
     }
 
     fn not_stopped(&self) -> Result<(), Error> {

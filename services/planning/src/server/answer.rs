@@ -34,7 +34,11 @@ pub(super) fn progress(progress: &Progress) -> proto::PlanResectionResponse {
 
 pub(super) fn plan(plan: &Plan, seconds: f64) -> proto::ResectionPlan {
     proto::ResectionPlan {
-        bites: plan.bites.iter().map(bite).collect(),
+        bites: plan
+            .bites
+            .iter()
+            .map(|planned| bite(&planned.bite))
+            .collect(),
         contour: plan.contour.iter().map(point).collect(),
         path: plan.path.iter().map(point).collect(),
         evaluation: Some(evaluation(&plan.evaluation)),

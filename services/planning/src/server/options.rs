@@ -10,8 +10,9 @@ use tonic::Status;
 
 use crate::contour::MIN_CONTROL_POINTS;
 use crate::jaw::{Bite, Jaw};
+use crate::paper::{Cost, Search};
 use crate::plan;
-use crate::rrt::Search;
+use crate::target;
 
 /// Most points of a contour.
 const MAX_CONTOUR_POINTS: usize = 10_000;
@@ -73,34 +74,32 @@ impl Contour {
 /// The request without its model and lesion.
 pub(super) fn plan(options: &proto::PlanResectionOptions) -> Result<plan::Request, Status> {
     let mut check = Check::default();
+    let tolerance_mm = check.number(
+        "options.tolerance_mm",
+        options.tolerance_mm,
+        1.0,
+        TOLERANCE_MM,
+    );
     let request = plan::Request {
         model: Mesh::default(),
         lesion: Vec::new(),
         lesion_spacing_mm: check.lesion_spacing(options.lesion_spacing_mm),
-        start: check.point("options.start", options.start.as_ref()),
-        goal: check.point("options.goal", options.goal.as_ref()),
-        target_box: check.target_box(options.target_box.as_ref()),
-        portal: check.point("options.portal", options.portal.as_ref()),
+        aim: target::Aim::Ends {
+            start: check.point("options.start", options.start.as_ref()),
+            goal: check.point("options.goal", options.goal.as_ref()),
+        },
+        contour_rules: target::Rules {
+            tolerance_mm,
+            rim_min_mm: check.number("options.rim_min_mm", options.rim_min_mm, 3.0, RIM_MIN_MM),
+            ..target::Rules::default()
+        },
+        target_box: Some(check.target_box(options.target_box.as_ref())),
+        portals: vec![check.point("options.portal", options.portal.as_ref())],
         jaw: check.jaw(options.jaw.as_ref()),
         voxel_mm: check.voxel(options.voxel_mm),
-        rim_min_mm: check.number("options.rim_min_mm", options.rim_min_mm, 3.0, RIM_MIN_MM),
-        search: Search {
-            step_mm: check.number("options.step_mm", options.step_mm, 1.0, STEP_MM),
-            tolerance_mm: check.number(
-                "options.tolerance_mm",
-                options.tolerance_mm,
-                1.0,
-                TOLERANCE_MM,
-            ),
-            cost_limit_per_mm: check.number(
-                "options.curvature_cost_limit",
-                options.curvature_cost_limit,
-                0.4,
-                COST_LIMIT_PER_MM,
-            ),
-            max_iterations: check.iterations(options.max_iterations),
-            seed: options.seed,
-        },
+        planner: plan::Planner::Bites,
+        limits: plan::Limits::default(),
+        seed: options.seed,
     };
     check.done(request)
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod menisci;
+mod paper;
 mod phantom;
 mod properties;
 mod server;

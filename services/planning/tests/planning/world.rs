@@ -7,8 +7,8 @@ use arthro_geometry::{Mesh, Point3, Vector3};
 use arthro_planning::Error;
 use arthro_planning::evaluation::Evaluation;
 use arthro_planning::jaw::{Bite, Jaw};
+use arthro_planning::paper::{Cost, Search};
 use arthro_planning::plan::{self, EvaluationRequest, Plan, Request};
-use arthro_planning::rrt::Search;
 
 pub const LESION_SPACING_MM: f64 = 0.5;
 
@@ -28,6 +28,7 @@ pub fn papers_case() -> Request {
         voxel_mm: 0.5,
         rim_min_mm: 3.0,
         search: Search {
+            cost: Cost::Corrected,
             step_mm: 1.0,
             tolerance_mm: 1.0,
             cost_limit_per_mm: 0.4,
