@@ -3,7 +3,7 @@
 //! A plan is made in stages, each a module: the meniscus becomes [`voxels`] in the axes of its
 //! [`crescent`]; the [`reference`] contour leads from start to goal outboard of the [`lesion`]; the
 //! paper's [`rrt`] follows it through the tissue; the [`bites`] of the [`jaw`] clear what lies inboard
-//! of it; the [`evaluation`] scores them. [`plan`] runs the stages, [`server`] serves them. All but the
+//! of it; the [`evaluation`] lets them act on the [`tissue`] and scores them. [`plan`] runs the stages, [`server`] serves them. All but the
 //! server is pure: same request and seed, same plan.
 
 pub mod band;
