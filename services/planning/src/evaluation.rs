@@ -143,7 +143,9 @@ impl Task<'_> {
             rim_mean_mm: rim.mean_mm,
             scallop: self.band.and_then(|band| Scallop::of(&edge, band)),
             edge_turns: Turns::of(&edge, 0.5 * self.jaw.width_mm),
-            predicted_seconds: accounts.iter().map(|account| account.seconds).sum(),
+            predicted_seconds: accounts
+                .iter()
+                .fold(0.0, |sum, account| sum + account.seconds),
             infeasible: order::blocked(&accounts, self.throat_limit),
             accounts,
         }

@@ -55,7 +55,7 @@ impl<'a> Tissue<'a> {
     /// [`throat_weights`], the blocked share of the throat.
     pub fn share_left(&self, weights: &[(u32, f64)]) -> f64 {
         let left = weights.iter().filter(|(voxel, _)| self.is_left(*voxel));
-        left.map(|(_, weight)| weight).sum()
+        left.fold(0.0, |sum, (_, weight)| sum + weight)
     }
 }
 

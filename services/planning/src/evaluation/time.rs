@@ -5,6 +5,7 @@
 
 use arthro_geometry::Point3;
 
+use crate::error::Error;
 use crate::jaw::Bite;
 
 /// The parts of a cycle.
@@ -38,6 +39,30 @@ impl Default for Timing {
 }
 
 impl Timing {
+    /// Refuses a speed that is not above 0, a way or a time below 0, and what is not finite.
+    pub fn check(&self) -> Result<(), Error> {
+        let refuse = |field, problem: String| Err(Error::invalid(field, problem));
+        for (field, value) in [
+            ("timing.free_mm_s", self.free_mm_s),
+            ("timing.shaft_mm_s", self.shaft_mm_s),
+        ] {
+            if !value.is_finite() || value <= 0.0 {
+                return refuse(field, format!("is {value} mm/s; must be above 0"));
+            }
+        }
+        for (field, value) in [
+            ("timing.tray_mm", self.tray_mm),
+            ("timing.shaft_mm", self.shaft_mm),
+            ("timing.bite_s", self.bite_s),
+            ("timing.release_s", self.release_s),
+        ] {
+            if !value.is_finite() || value < 0.0 {
+                return refuse(field, format!("is {value}; must be 0 or more"));
+            }
+        }
+        Ok(())
+    }
+
     /// The whole cycle of a bite through the one of `portals` that its shaft points from, s.
     pub fn cycle_s(&self, bite: &Bite, portals: &[Point3]) -> f64 {
         let shaft_mm = shaft_mm(bite, portals).unwrap_or(self.shaft_mm);
@@ -90,5 +115,21 @@ mod tests {
         let timing = Timing::default();
         let cycle_s = timing.cycle_s(&bite, &[near, far]);
         assert!((cycle_s - timing.cycle_s(&bite, &[far])).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_speed_of_nothing_and_a_time_before_now_are_refused_by_name() {
+        let refused = |timing: Timing| match timing.check() {
+            Err(Error::Invalid { field, .. }) => field,
+            other => panic!("{other:?}"),
+        };
+        let good = Timing::default();
+        assert_eq!(good.check(), Ok(()));
+        for free_mm_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(refused(Timing { free_mm_s, ..good }), "timing.free_mm_s");
+        }
+        for bite_s in [-1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(refused(Timing { bite_s, ..good }), "timing.bite_s");
+        }
     }
 }
