@@ -9,6 +9,7 @@
 
 pub mod cloud;
 pub mod frame;
+pub mod markups;
 pub mod mesh;
 pub mod nrrd;
 pub mod obj;

@@ -7,4 +7,5 @@ mod paper;
 mod phantom;
 mod properties;
 mod server;
+mod target;
 mod world;

@@ -14,13 +14,13 @@ const WIDTH_MM: f64 = 1.5;
 const ENDS_DEG: f64 = 28.0;
 
 /// A mesh of the data and how it lies.
-struct Meniscus {
-    file: &'static str,
+pub struct Meniscus {
+    pub file: &'static str,
     superior: Vector3,
     anterior: Vector3,
 }
 
-const MENISCI: [Meniscus; 4] = [
+pub const MENISCI: [Meniscus; 4] = [
     Meniscus::pymskt("pymskt_lateral_meniscus.ply"),
     Meniscus::pymskt("pymskt_medial_meniscus.ply"),
     Meniscus::smith("smith2019_R_lateral_meniscus.ply"),
@@ -64,7 +64,7 @@ impl Meniscus {
 
     /// A tear in the middle of the body, start and goal on the free edge beside it, a portal 26 mm in
     /// front of the anterior rim.
-    fn torn(&self) -> Option<Request> {
+    pub fn torn(&self) -> Option<Request> {
         let model = self.mesh()?;
         let (low, high) = model.bounds().unwrap();
         let center = nalgebra::center(&low, &high);
