@@ -20,6 +20,7 @@ pub mod plan;
 pub mod reference;
 pub mod rrt;
 pub mod server;
+pub mod view;
 pub mod voxels;
 
 use arthro_bootstrap::{BoxError, Drain, Service};

@@ -5,4 +5,5 @@ mod menisci;
 mod phantom;
 mod properties;
 mod server;
+mod view;
 mod world;
