@@ -22,6 +22,7 @@ pub mod plan;
 pub mod server;
 pub mod target;
 pub mod tissue;
+pub mod view;
 pub mod voxels;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
