@@ -20,6 +20,7 @@ use arthro_planning::tissue::THROAT_LIMIT;
 use arthro_planning::voxels::Voxels;
 use proptest::prelude::*;
 
+use crate::menisci;
 use crate::world::{self, LESION_SPACING_MM};
 
 /// The paper's bites on a contour.
@@ -125,21 +126,26 @@ pub fn on_phantom(phi_rad: f64, width_fraction: f64) -> Point3 {
     })
 }
 
-fn tear_contour() -> Vec<Point3> {
+/// Angle from the tear and depth as a share of the width, from one end of the blend to the other.
+fn tear_blend() -> impl Iterator<Item = (f64, f64)> {
     const REACH_DEG: i32 = 28;
     /// As deep as the tear.
     const DEPTH_FRACTION: f64 = 0.42;
     /// Makes the flanks as steep as the reference's region is large.
     const STEEPNESS: f64 = 1.5;
-    let share = |deg: i32| f64::from(deg) / f64::from(REACH_DEG);
-    (-REACH_DEG..=REACH_DEG)
-        .map(|deg| {
-            let blend: f64 = 0.5 * (1.0 + (std::f64::consts::PI * share(deg)).cos());
-            on_phantom(
-                f64::from(deg).to_radians(),
-                DEPTH_FRACTION * blend.powf(STEEPNESS),
-            )
-        })
+    (-REACH_DEG..=REACH_DEG).map(|deg| {
+        let share = f64::from(deg) / f64::from(REACH_DEG);
+        let blend: f64 = 0.5 * (1.0 + (std::f64::consts::PI * share).cos());
+        (
+            f64::from(deg).to_radians(),
+            DEPTH_FRACTION * blend.powf(STEEPNESS),
+        )
+    })
+}
+
+fn tear_contour() -> Vec<Point3> {
+    tear_blend()
+        .map(|(phi_rad, width_fraction)| on_phantom(phi_rad, width_fraction))
         .collect()
 }
 
@@ -257,6 +263,56 @@ fn the_papers_bites_from_start_to_goal_score_as_measured_elsewhere() {
     assert_near("rim_min_mm", ours.rim_min_mm, 1.0, 0.2);
     assert_near("scallop.rms_mm", scallop.rms_mm, 2.16, 0.1);
     assert_near("scallop.max_mm", scallop.max_mm, 2.74, 0.1);
+}
+
+#[test]
+fn on_real_menisci_too_half_of_every_jaw_on_the_contour_eats_the_rim() {
+    for (file, request) in menisci::torn() {
+        let crescent = Crescent::of(&request.model, &request.portal).unwrap();
+        let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
+        let angles = request
+            .lesion
+            .iter()
+            .map(|point| crescent.angle_rad(&(meniscal_from_ct * *point)));
+        let tear_rad = angles.sum::<f64>() / request.lesion.len() as f64;
+        let contour: Vec<Point3> = tear_blend()
+            .map(|(off_rad, width_fraction)| {
+                let angle_rad = tear_rad + off_rad;
+                let edge_mm = crescent.edge_mm(angle_rad).unwrap();
+                let width_mm = crescent.rim_mm(angle_rad).unwrap() - edge_mm;
+                let radius_mm = edge_mm + width_fraction * width_mm;
+                let (sin, cos) = angle_rad.sin_cos();
+                crescent.ct_from_meniscal * Point3::new(radius_mm * cos, radius_mm * sin, 0.0)
+            })
+            .collect();
+        let case = Case::new(
+            &request.model,
+            &contour,
+            &request.lesion,
+            &request.portal,
+            0.5,
+        );
+        let ours = case.evaluate(&case.papers_bites());
+        show(
+            file,
+            &ours,
+            "outside 95 .. 107 mm3, rim 0.7 .. 2.2 mm (the lateral ones)",
+        );
+        let planned_mm = case
+            .contour
+            .iter()
+            .map(|point| {
+                crescent.rim_mm(crescent.angle_rad(point)).unwrap() - point.xy().coords.norm()
+            })
+            .fold(f64::INFINITY, f64::min);
+        // Half the jaw's shorter side at least.
+        assert!(
+            ours.rim_min_mm < planned_mm - 1.4,
+            "{file}: {} of {planned_mm} mm",
+            ours.rim_min_mm
+        );
+        assert!(ours.outside_removed_mm3 > ours.region_mm3, "{file}");
+    }
 }
 
 #[test]
