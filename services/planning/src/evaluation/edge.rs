@@ -125,3 +125,84 @@ fn ray(task: &Task<'_>, cuts: &[Cut], angle_rad: f64) -> Option<Ray> {
         },
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crescent::Crescent;
+    use crate::evaluation::time::Timing;
+    use crate::jaw::{Bite, Jaw};
+    use crate::lesion::Lesion;
+    use crate::tissue::THROAT_LIMIT;
+    use crate::voxels::Voxels;
+    use arthro_geometry::{Vector3, phantom};
+
+    fn edge_after(bites: impl Fn(&Crescent) -> Vec<Bite>) -> (Crescent, Edge) {
+        let mesh = phantom::mesh();
+        let crescent = Crescent::of(&mesh, &phantom::PORTAL_ANTEROLATERAL).unwrap();
+        let voxels = Voxels::of(&mesh, &crescent, 0.5, 1.0).unwrap();
+        let lesion = Lesion::of_voxels(vec![false; voxels.centers().len()], &voxels);
+        let jaw = Jaw::new(3.0, 4.5);
+        let task = Task {
+            crescent: &crescent,
+            voxels: &voxels,
+            lesion: &lesion,
+            band: None,
+            jaw,
+            portals: &[],
+            timing: Timing::default(),
+            throat_limit: THROAT_LIMIT,
+        };
+        let bites = bites(&crescent);
+        let cuts: Vec<Cut> = bites.iter().map(|bite| bite.cut(&jaw)).collect();
+        let edge = Edge::after(&task, &cuts);
+        (crescent, edge)
+    }
+
+    fn outwards(angle_rad: f64, radius_mm: f64) -> Bite {
+        let axis = Vector3::new(angle_rad.cos(), angle_rad.sin(), 0.0);
+        let center = Point3::from(axis * radius_mm);
+        Bite::of_axis(center, &axis, &Vector3::z()).unwrap()
+    }
+
+    fn nearest(edge: &Edge, angle_rad: f64) -> Ray {
+        let off = |ray: &&Ray| (ray.angle_rad - angle_rad).abs();
+        let nearest = edge.rays.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        *nearest.unwrap()
+    }
+
+    #[test]
+    fn the_new_edge_is_where_the_jaw_ends() {
+        for angle_rad in [-0.9, 0.0, 0.7] {
+            let (crescent, edge) = edge_after(|_| vec![outwards(angle_rad, 14.0)]);
+            let ray = nearest(&edge, angle_rad);
+            assert!(ray.is_bitten);
+            assert!((ray.new_mm - 16.25).abs() < 2.0 * STEP_MM, "{ray:?}");
+            let rim_mm = crescent.rim_mm(ray.angle_rad).unwrap() - 16.25;
+            assert!((edge.rim().min_mm - rim_mm).abs() < 0.3, "{:?}", edge.rim());
+            assert!((edge.rim().min_angle_rad - angle_rad).abs() < 0.15);
+        }
+    }
+
+    #[test]
+    fn a_flap_inboard_of_a_cut_is_no_rim() {
+        let (crescent, edge) = edge_after(|_| vec![outwards(0.0, 13.5)]);
+        let ray = nearest(&edge, 0.0);
+        let flap_mm = 13.5 - 2.25 - crescent.edge_mm(0.0).unwrap();
+        assert!(flap_mm > 3.0);
+        assert!((ray.new_mm - 15.75).abs() < 2.0 * STEP_MM, "{ray:?}");
+    }
+
+    #[test]
+    fn rays_that_no_bite_meets_keep_the_free_edge() {
+        let (crescent, edge) = edge_after(|_| vec![outwards(0.0, 14.0)]);
+        let (bitten, whole): (Vec<Ray>, Vec<Ray>) = edge.rays.iter().partition(|ray| ray.is_bitten);
+        assert!(bitten.iter().all(|ray| ray.angle_rad.abs() < 0.15));
+        assert!(whole.len() > 400);
+        for ray in whole {
+            assert_eq!(Some(ray.new_mm), crescent.edge_mm(ray.angle_rad));
+        }
+        let mean_mm = bitten.iter().map(|ray| ray.rim_mm).sum::<f64>() / bitten.len() as f64;
+        assert!((edge.rim().mean_mm - mean_mm).abs() < 1e-12);
+    }
+}

@@ -178,3 +178,9 @@ fn the_voxels_of_every_meniscus_have_its_volume_even_where_the_mesh_is_open() {
         assert!((share - 1.0).abs() < 0.02, "{}: {share}", meniscus.file);
     }
 }
+
+/// The menisci at hand, each torn, with the file's name.
+pub fn torn() -> Vec<(&'static str, Request)> {
+    let torn = |meniscus: &Meniscus| meniscus.torn().map(|request| (meniscus.file, request));
+    MENISCI.iter().filter_map(torn).collect()
+}
