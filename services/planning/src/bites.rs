@@ -44,6 +44,15 @@ pub struct Rules {
     pub partial: Partial,
 }
 
+/// How long is searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Same seed, same bites.
+    pub seed: u64,
+    /// Multiplies the exchanges that are tried for each number of bites; 1 is the usual.
+    pub factor: u32,
+}
+
 /// What to do where the region cannot be cleared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Partial {
@@ -118,7 +127,7 @@ pub fn choose(
     task: &Task<'_>,
     access: &Access<'_>,
     rules: &Rules,
-    seed: u64,
+    effort: &Effort,
     patience: &(dyn Fn() -> Patience + Sync),
     watch: &mut dyn FnMut(Found),
 ) -> Result<Chosen, Error> {
@@ -146,7 +155,7 @@ pub fn choose(
         shortfall.lower(&mut problem);
     }
     hear(0.35, None, None)?;
-    let mut search = Search::of(&problem, seed, patience);
+    let mut search = Search::of(&problem, *effort, patience);
     if !search.start()? {
         if rules.partial == Partial::Refuse {
             return Err(shortfall::of_closest(&search.best, &problem, task));

@@ -5,6 +5,8 @@ use arthro_geometry::{Point3, volume};
 use tonic::Status;
 
 use crate::contour;
+use crate::server::view;
+use crate::view::Blind;
 
 /// Why there is no plan.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -14,6 +16,14 @@ pub enum Error {
     Invalid {
         /// The field of the request.
         field: &'static str,
+        /// Value and limit.
+        problem: String,
+    },
+    /// A bite of a list that is none.
+    #[error("bites[{index}].approach {problem}")]
+    Bite {
+        /// Its position, from 0.
+        index: usize,
         /// Value and limit.
         problem: String,
     },
@@ -125,6 +135,12 @@ pub enum Error {
         /// Middle of what is left, in ct, mm.
         at: Point3,
     },
+    /// The arthroscope does not see a bite.
+    #[error("the arthroscope: {0}")]
+    Blind(#[from] Blind),
+    /// Time was up before there was a plan.
+    #[error("the deadline came near before there was any plan")]
+    Deadline,
     /// The caller went away.
     #[error("the caller went away")]
     Cancelled,
@@ -138,6 +154,14 @@ impl Error {
             problem: problem.into(),
         }
     }
+
+    /// The same about a bite of a list.
+    pub fn of_bite(self, index: usize) -> Self {
+        match self {
+            Self::Invalid { problem, .. } => Self::Bite { index, problem },
+            other => other,
+        }
+    }
 }
 
 impl From<Error> for Status {
@@ -146,6 +170,9 @@ impl From<Error> for Status {
         let mm = |value: f64| format!("{value:.2}");
         match error {
             Error::Invalid { field, problem } => status::invalid(field, problem),
+            Error::Bite { index, problem } => {
+                status::invalid(format!("options.bites[{index}].approach"), problem)
+            }
             Error::Surface(volume::Error::Voxel { .. } | volume::Error::TooManyVoxels { .. }) => {
                 status::invalid("options.voxel_mm", message)
             }
@@ -257,6 +284,8 @@ impl From<Error> for Status {
                     ("z_mm", mm(at.z)),
                 ],
             ),
+            Error::Blind(blind) => view::refusal("options.arthroscope", &blind),
+            Error::Deadline => Status::deadline_exceeded(message),
             Error::Cancelled => Status::cancelled(message),
         }
     }

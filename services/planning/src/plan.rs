@@ -3,6 +3,8 @@
 mod model;
 mod scoring;
 
+use std::ops::ControlFlow;
+
 use arthro_geometry::{Mesh, Point3};
 
 use crate::bites::{self, Access, Ended, Found, Partial, Patience};
@@ -16,10 +18,11 @@ use crate::lesion::Lesion;
 use crate::paper::{self, Search};
 use crate::target::{self, Target};
 use crate::tissue::THROAT_LIMIT;
+use crate::view::{self, Optics, View};
 use crate::voxels::Voxels;
 
 pub use model::model;
-pub use scoring::{EvaluationRequest, evaluate};
+pub use scoring::{EvaluationRequest, Given, evaluate};
 
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
@@ -54,8 +57,23 @@ pub struct Request {
     pub planner: Planner,
     /// What the bites have to keep.
     pub limits: Limits,
+    /// Multiplies the search for fewer bites.
+    pub effort: u32,
+    /// From where each bite is to be watched; `None`: no views are planned.
+    pub arthroscope: Option<Arthroscope>,
     /// Same seed, same plan.
     pub seed: u64,
+}
+
+/// The arthroscope that watches; `portal` in ct.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arthroscope {
+    /// Where it enters, mm.
+    pub portal: Point3,
+    /// Its optics.
+    pub optics: Optics,
+    /// Radius of the forceps' shaft, mm.
+    pub forceps_radius_mm: f64,
 }
 
 /// How the bites are chosen.
@@ -78,6 +96,8 @@ pub struct Limits {
     /// How far in the plane an executed bite may lie from the planned one and still the lesion must
     /// be covered, mm.
     pub placement_error_mm: f64,
+    /// Share of a jaw's throat that tissue may block when the bite is made, 0..1.
+    pub throat_limit: f64,
     /// What to do where the region cannot be cleared.
     pub partial: Partial,
 }
@@ -88,6 +108,7 @@ impl Default for Limits {
             region_percent: 95.0,
             outside_limit_mm3: None,
             placement_error_mm: 0.3,
+            throat_limit: THROAT_LIMIT,
             partial: Partial::Refuse,
         }
     }
@@ -104,6 +125,8 @@ pub struct Plan {
     pub path: Vec<Point3>,
     /// The plan scored on the model it was made for; `rim_min_at` in ct.
     pub evaluation: Evaluation,
+    /// How the arthroscope watches each bite; empty if none was asked for.
+    pub views: Vec<View>,
     /// How good the choice is; `None` for the paper's planner, which does not choose.
     pub choice: Option<Choice>,
 }
@@ -192,7 +215,7 @@ pub fn plan(
         jaw: request.jaw,
         portals: &portals,
         timing: Timing::default(),
-        throat_limit: THROAT_LIMIT,
+        throat_limit: request.limits.throat_limit,
     };
     let region_mm3 = region_mm3(&task)?;
     let work = Work {
@@ -221,6 +244,7 @@ pub fn plan(
     let local: Vec<Bite> = bites.iter().map(|(_, bite)| *bite).collect();
     let mut evaluation = task.evaluate(&local);
     evaluation.rim_min_at = crescent.ct_from_meniscal * evaluation.rim_min_at;
+    let views = views(request, &task, &local, patience, watch)?;
     let into_ct = |points: Vec<Point3>| {
         let points = points.into_iter();
         points
@@ -238,6 +262,7 @@ pub fn plan(
         contour: into_ct(target.spline.points_every(CONTOUR_SPACING_MM)),
         path: into_ct(path),
         evaluation,
+        views,
         choice,
     })
 }
@@ -296,8 +321,11 @@ impl Work<'_> {
                 bound: found.bound,
             });
         };
-        let seed = self.request.seed;
-        let chosen = bites::choose(self.task, &access, &rules, seed, patience, &mut hear)?;
+        let effort = bites::Effort {
+            seed: self.request.seed,
+            factor: self.request.effort,
+        };
+        let chosen = bites::choose(self.task, &access, &rules, &effort, patience, &mut hear)?;
         if chosen.bites.is_empty() {
             let region_mm3 = self.region_mm3;
             return Err(Error::NoBite { region_mm3 });
@@ -335,9 +363,9 @@ impl Work<'_> {
                     bound: None,
                 });
                 match patience() {
-                    Patience::GoOn => std::ops::ControlFlow::Continue(()),
+                    Patience::GoOn => ControlFlow::Continue(()),
                     // Half a path is no path.
-                    Patience::Hurry | Patience::Stop => std::ops::ControlFlow::Break(()),
+                    Patience::Hurry | Patience::Stop => ControlFlow::Break(()),
                 }
             },
         )?;
@@ -349,6 +377,46 @@ impl Work<'_> {
             choice: None,
         })
     }
+}
+
+/// The arthroscope's views in ct, if any were asked for.
+fn views(
+    request: &Request,
+    task: &Task<'_>,
+    bites: &[Bite],
+    patience: &(dyn Fn() -> Patience + Sync),
+    watch: &mut dyn FnMut(Progress),
+) -> Result<Vec<View>, Error> {
+    let Some(arthroscope) = &request.arthroscope else {
+        return Ok(Vec::new());
+    };
+    let ct_from_meniscal = &task.crescent.ct_from_meniscal;
+    let scene = view::Scene {
+        portal: ct_from_meniscal.inverse() * arthroscope.portal,
+        bites,
+        jaw: task.jaw,
+        forceps_radius_mm: arthroscope.forceps_radius_mm,
+        tissue: task.voxels,
+        bone_mm: &|_| f64::INFINITY,
+        optics: &arthroscope.optics,
+    };
+    let views = view::plan(&scene, |share| {
+        watch(Progress {
+            stage: "view",
+            fraction: 0.96 + 0.04 * share,
+            iterations: 0,
+            incumbent: None,
+            bound: None,
+        });
+        match patience() {
+            Patience::Stop => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        }
+    })?;
+    Ok(views
+        .iter()
+        .map(|view| view.carried(ct_from_meniscal))
+        .collect())
 }
 
 fn no_portal() -> Error {

@@ -7,7 +7,7 @@ mod answer;
 mod intake;
 mod options;
 #[cfg_attr(not(test), expect(dead_code, reason = "plans carry no views yet"))]
-mod view;
+pub(crate) mod view;
 
 use std::sync::Arc;
 use std::time::Instant;

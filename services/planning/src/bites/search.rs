@@ -11,7 +11,7 @@ use super::exhaustion::{self, Exhaustion};
 use super::order::{self, Gone};
 use super::problem::Problem;
 use super::selection::Selection;
-use super::{Ended, Patience, bound, greedy};
+use super::{Effort, Ended, Patience, bound, greedy};
 use crate::error::Error;
 
 /// Annealings of one number of bites before it is given up; they run side by side.
@@ -27,7 +27,7 @@ pub(super) struct Search<'a> {
     moves: Moves,
     /// What each voxel of the region is worth.
     prices: Vec<f64>,
-    seed: u64,
+    effort: Effort,
     patience: &'a (dyn Fn() -> Patience + Sync),
     /// The best set so far.
     pub(super) best: Selection<'a>,
@@ -41,7 +41,7 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub(super) fn of(
         problem: &'a Problem,
-        seed: u64,
+        effort: Effort,
         patience: &'a (dyn Fn() -> Patience + Sync),
     ) -> Self {
         let bound = bound::of(problem);
@@ -50,7 +50,7 @@ impl<'a> Search<'a> {
             prices: bound.prices.clone(),
             moves: Moves::of(problem),
             problem,
-            seed,
+            effort,
             patience,
             bound: bound.whole().max(1),
             failed: 0,
@@ -153,7 +153,7 @@ impl<'a> Search<'a> {
     pub(super) fn polish(&mut self) -> Result<(), Error> {
         let mut random = self.random(0);
         let go_on = self.go_on();
-        let steps = STEPS_A_BITE * self.best.chosen.len();
+        let steps = self.steps(self.best.chosen.len());
         anneal::run(
             &mut self.best,
             Aim::Best,
@@ -174,7 +174,7 @@ impl<'a> Search<'a> {
                 || first.load(Ordering::Relaxed) > attempt && (self.patience)() == Patience::GoOn;
             let mut set = set.clone();
             let mut random = self.random(1 + attempt as u64 + (ATTEMPTS * set.chosen.len()) as u64);
-            let steps = STEPS_A_BITE * set.chosen.len();
+            let steps = self.steps(set.chosen.len());
             anneal::run(
                 &mut set,
                 Aim::Complete,
@@ -194,6 +194,10 @@ impl<'a> Search<'a> {
         Ok(tried)
     }
 
+    fn steps(&self, bites: usize) -> usize {
+        STEPS_A_BITE * bites * self.effort.factor.max(1) as usize
+    }
+
     fn go_on(&self) -> impl Fn() -> bool + Sync + 'a {
         let patience = self.patience;
         move || patience() == Patience::GoOn
@@ -207,7 +211,7 @@ impl<'a> Search<'a> {
     }
 
     fn random(&self, stream: u64) -> ChaCha8Rng {
-        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut random = ChaCha8Rng::seed_from_u64(self.effort.seed);
         random.set_stream(stream);
         random
     }

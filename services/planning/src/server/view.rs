@@ -8,6 +8,7 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::planning::v1 as proto;
 use tonic::Status;
 
+use crate::plan::Arthroscope;
 use crate::view::{Blind, FORCEPS_RADIUS_MM, Optics, View};
 
 /// Coordinates of a CT, mm.
@@ -15,57 +16,45 @@ const COORDINATE_MM: RangeInclusive<f64> = -10_000.0..=10_000.0;
 /// Radius of the cell's forceps, mm.
 const DEFAULT_FORCEPS_RADIUS_MM: f64 = 1.75;
 
-/// From where the bites are to be watched.
-#[derive(Debug)]
-pub(super) struct Options {
-    /// Where the arthroscope enters, in ct, mm.
-    pub(super) portal: Point3,
-    pub(super) optics: Optics,
-    pub(super) forceps_radius_mm: f64,
-}
-
-impl Options {
-    /// Reads the message in `field`, and tells everything that is wrong with it at once.
-    pub(super) fn read(
-        field: &str,
-        options: &proto::ArthroscopeViewOptions,
-    ) -> Result<Self, Status> {
-        let mut violations = Vec::new();
-        let portal = options.portal.unwrap_or_else(|| {
-            violations.push((format!("{field}.portal"), "is missing".to_owned()));
-            common::Point::default()
-        });
-        let forceps_radius_mm = options
-            .forceps_shaft_radius_mm
-            .unwrap_or(DEFAULT_FORCEPS_RADIUS_MM);
-        let mut within = |name: &str, value: f64, range: RangeInclusive<f64>| {
-            // NaN is in no range.
-            if !range.contains(&value) {
-                let problem = format!("is {value}; must be {} .. {}", range.start(), range.end());
-                violations.push((format!("{field}.{name}"), problem));
-            }
-        };
-        within("portal.x_mm", portal.x_mm, COORDINATE_MM);
-        within("portal.y_mm", portal.y_mm, COORDINATE_MM);
-        within("portal.z_mm", portal.z_mm, COORDINATE_MM);
-        within(
-            "forceps_shaft_radius_mm",
-            forceps_radius_mm,
-            FORCEPS_RADIUS_MM,
-        );
-        let optics = optics(&options.optics.unwrap_or_default());
-        let problems = optics.problems().into_iter();
-        violations
-            .extend(problems.map(|(name, problem)| (format!("{field}.optics.{name}"), problem)));
-        if !violations.is_empty() {
-            return Err(status::invalid_all(violations));
+/// Reads the message in `field`, and tells everything that is wrong with it at once.
+pub(super) fn read(
+    field: &str,
+    options: &proto::ArthroscopeViewOptions,
+) -> Result<Arthroscope, Status> {
+    let mut violations = Vec::new();
+    let portal = options.portal.unwrap_or_else(|| {
+        violations.push((format!("{field}.portal"), "is missing".to_owned()));
+        common::Point::default()
+    });
+    let forceps_radius_mm = options
+        .forceps_shaft_radius_mm
+        .unwrap_or(DEFAULT_FORCEPS_RADIUS_MM);
+    let mut within = |name: &str, value: f64, range: RangeInclusive<f64>| {
+        // NaN is in no range.
+        if !range.contains(&value) {
+            let problem = format!("is {value}; must be {} .. {}", range.start(), range.end());
+            violations.push((format!("{field}.{name}"), problem));
         }
-        Ok(Self {
-            portal: Point3::new(portal.x_mm, portal.y_mm, portal.z_mm),
-            optics,
-            forceps_radius_mm,
-        })
+    };
+    within("portal.x_mm", portal.x_mm, COORDINATE_MM);
+    within("portal.y_mm", portal.y_mm, COORDINATE_MM);
+    within("portal.z_mm", portal.z_mm, COORDINATE_MM);
+    within(
+        "forceps_shaft_radius_mm",
+        forceps_radius_mm,
+        FORCEPS_RADIUS_MM,
+    );
+    let optics = optics(&options.optics.unwrap_or_default());
+    let problems = optics.problems().into_iter();
+    violations.extend(problems.map(|(name, problem)| (format!("{field}.optics.{name}"), problem)));
+    if !violations.is_empty() {
+        return Err(status::invalid_all(violations));
     }
+    Ok(Arthroscope {
+        portal: Point3::new(portal.x_mm, portal.y_mm, portal.z_mm),
+        optics,
+        forceps_radius_mm,
+    })
 }
 
 fn optics(given: &proto::Optics) -> Optics {
@@ -123,7 +112,7 @@ pub(super) fn view(view: &View) -> proto::ArthroscopeView {
 }
 
 /// Why there are no views: the bite and every figure with its limit.
-pub(super) fn refusal(field: &str, blind: &Blind) -> Status {
+pub(crate) fn refusal(field: &str, blind: &Blind) -> Status {
     let message = blind.to_string();
     match blind {
         Blind::Invalid {
@@ -158,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_portal_alone_is_watched_through_by_the_default_arthroscope() {
-        let read = Options::read("options.view", &options()).unwrap();
+        let read = read("options.view", &options()).unwrap();
         assert_eq!(read.portal, Point3::new(62.0, 48.0, 94.5));
         assert_eq!(read.optics, Optics::default());
         assert_eq!(read.forceps_radius_mm, DEFAULT_FORCEPS_RADIUS_MM);
@@ -172,7 +161,7 @@ mod tests {
             roll_min_rad: Some(0.0),
             ..proto::Optics::default()
         });
-        let optics = Options::read("options.view", &given).unwrap().optics;
+        let optics = read("options.view", &given).unwrap().optics;
         assert_eq!(optics.tilt_rad, 0.0);
         assert_eq!(optics.roll_rad, 0.0..=*Optics::default().roll_rad.end());
     }
@@ -187,7 +176,7 @@ mod tests {
             }),
             forceps_shaft_radius_mm: Some(f64::NAN),
         };
-        let refusal = Options::read("options.view", &given).unwrap_err();
+        let refusal = read("options.view", &given).unwrap_err();
         let violations = status::violations(&refusal);
         let named: Vec<&str> = violations.iter().map(|(field, _)| field.as_str()).collect();
         assert_eq!(

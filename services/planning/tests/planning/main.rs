@@ -7,9 +7,6 @@ mod paper;
 mod phantom;
 mod properties;
 mod server;
-<<<<<<< HEAD
 mod target;
-=======
 mod view;
->>>>>>> a6925e266447a0d2e1c5345faf4e04d8c4ea1a2a
 mod world;
