@@ -27,7 +27,7 @@ pub use optics::{Look, Optics};
 pub use segment::Segment;
 
 /// Radii of forceps' shafts that are taken, mm.
-pub const FORCEPS_RADIUS_MM: RangeInclusive<f64> = 0.25..=10.0;
+pub const FORCEPS_RADIUS_MM: RangeInclusive<f64> = 0.25..=5.0;
 
 /// How much of a shaft counts behind its tip, mm: 8 inch, the longest punch of the AORN instruments
 /// page. It reaches out of the portal, where shafts may meet too.
