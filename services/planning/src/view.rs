@@ -3,8 +3,8 @@
 //! Its tip may stand on the places of one lattice around the bites, so that neighbouring bites can be
 //! seen from the same place. A place is taken if the insertion is in range, the roll about the shaft
 //! turns the oblique view onto the whole jaw, the shaft keeps clear of forceps, tissue and bones, and
-//! neither forceps nor tissue hide the jaw ([`poses`]). Of the places left a shortest path through the bites weighs
-//! how well each shows its bite against how far the arthroscope moves ([`sequence`]). Everything is
+//! neither forceps nor tissue hide the jaw (`poses`). Of the places left a shortest path through the bites weighs
+//! how well each shows its bite against how far the arthroscope moves (`sequence`). Everything is
 //! in the axes of the crescent: z superior.
 
 mod blind;
@@ -27,7 +27,7 @@ pub use optics::{Look, Optics};
 pub use segment::Segment;
 
 /// Radii of forceps' shafts that are taken, mm.
-pub const FORCEPS_RADIUS_MM: RangeInclusive<f64> = 0.25..=10.0;
+pub const FORCEPS_RADIUS_MM: RangeInclusive<f64> = 0.25..=5.0;
 
 /// How much of a shaft counts behind its tip, mm: 8 inch, the longest punch of the AORN instruments
 /// page. It reaches out of the portal, where shafts may meet too.

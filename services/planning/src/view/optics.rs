@@ -127,7 +127,7 @@ impl Optics {
             self.margin_rad,
             0.0..=0.49 * self.field_of_view_rad,
         );
-        within("shaft_radius_mm", self.shaft_radius_mm, 0.25..=10.0);
+        within("shaft_radius_mm", self.shaft_radius_mm, 0.25..=5.0);
         within("clearance_min_mm", self.clearance_min_mm, 0.0..=50.0);
         within(
             "bone_clearance_min_mm",

@@ -1,12 +1,14 @@
 //! The places from which one bite is seen.
 
+use std::f64::consts::PI;
+
 use arthro_geometry::{Point3, Vector3};
 
 use crate::jaw::Bite;
 
 use super::relief::Relief;
 use super::segment::{Segment, behind};
-use super::{Reason, SHAFT_LENGTH_MM, Scene, View};
+use super::{Look, Reason, SHAFT_LENGTH_MM, Scene, View};
 
 /// Poses of a bite that are weighed against those of its neighbours: the work grows with their square.
 const POSES: usize = 160;
@@ -140,61 +142,13 @@ impl<'a> Surroundings<'a> {
         points.collect()
     }
 
-    /// The arthroscope turned to the bite with its tip at a place clear of the tissue; whether it
-    /// sees anything is left open.
+    /// The arthroscope turned to the bite with its tip at a place clear of the tissue; what hides the
+    /// bite is left open.
     fn stand(&self, site: &Site<'_>, tip: Point3) -> Result<Pose, Reason> {
-        let (scene, optics) = (self.scene, self.scene.optics);
-        let inwards = tip - scene.portal;
-        let depth_mm = inwards.norm();
-        let (low_mm, high_mm) = (*optics.depth_mm.start(), *optics.depth_mm.end());
-        let too_deep = Reason::DepthRange {
-            depth_mm,
-            low_mm,
-            high_mm,
-        };
-        if !optics.depth_mm.contains(&depth_mm) {
-            return Err(too_deep);
-        }
-        // A tip in its portal has no shaft.
-        let approach = inwards.try_normalize(1e-6).ok_or(too_deep)?;
-
-        let limit_rad = optics.reach_rad();
-        let look = optics
-            .look_at(&tip, &approach, &Vector3::z(), &site.bite.center)
-            .ok_or(Reason::OutOfView {
-                angle_rad: std::f64::consts::PI,
-                limit_rad,
-            })?;
-        let cosines = site.sights.iter().map(|point| {
-            let towards = point - tip;
-            look.optical_axis.dot(&towards) / towards.norm()
-        });
-        let angle_rad = cosines.fold(1.0, f64::min).clamp(-1.0, 1.0).acos();
-        if angle_rad > limit_rad {
-            return Err(Reason::OutOfView {
-                angle_rad,
-                limit_rad,
-            });
-        }
-
-        let shaft = behind(tip, &approach, SHAFT_LENGTH_MM);
-        let forceps_clearance_mm =
-            shaft.distance_mm(&site.forceps) - optics.shaft_radius_mm - scene.forceps_radius_mm;
-        if forceps_clearance_mm < optics.clearance_min_mm {
-            return Err(Reason::ShaftsTooClose {
-                clearance_mm: forceps_clearance_mm,
-                limit_mm: optics.clearance_min_mm,
-            });
-        }
-
-        let through_mm = self.clear_of_shaft.buried_mm(&scene.portal, &tip);
-        if through_mm > optics.through_tissue_max_mm {
-            return Err(Reason::ThroughTissue {
-                through_mm,
-                limit_mm: optics.through_tissue_max_mm,
-            });
-        }
-
+        let (approach, depth_mm) = self.insertion(&tip)?;
+        let look = self.look_at(site, &tip, &approach)?;
+        let forceps_clearance_mm = self.forceps_clearance_mm(site, tip, &approach)?;
+        self.check_tissue(&tip)?;
         let view = View {
             tip,
             approach,
@@ -212,44 +166,121 @@ impl<'a> Surroundings<'a> {
 
     /// What a stand shows of the bite.
     fn look(&self, site: &Site<'_>, stand: &Pose) -> Result<Pose, Reason> {
-        let (scene, optics) = (self.scene, self.scene.optics);
-        let bone_clearance_mm = (scene.bone_mm)(&Segment {
-            from: scene.portal,
-            to: stand.view.tip,
-        }) - optics.shaft_radius_mm;
-        if bone_clearance_mm < optics.bone_clearance_min_mm {
-            return Err(Reason::ShaftHitsBone {
-                clearance_mm: bone_clearance_mm,
-                limit_mm: optics.bone_clearance_min_mm,
-            });
-        }
-
-        let occluded_percent = self.occluded_percent(site, &stand.view.tip);
-        if occluded_percent > optics.occluded_max_percent {
-            return Err(Reason::Occluded {
-                percent: occluded_percent,
-                limit_percent: optics.occluded_max_percent,
-            });
-        }
-
+        self.check_bones(&stand.view.tip)?;
         let view = View {
-            occluded_percent,
+            occluded_percent: self.occluded_percent(site, &stand.view.tip)?,
             ..stand.view
         };
         let cost = self.cost(&view);
         Ok(Pose { view, cost })
     }
 
-    fn occluded_percent(&self, site: &Site<'_>, tip: &Point3) -> f64 {
+    /// Direction and length of the shaft from the portal to the tip.
+    fn insertion(&self, tip: &Point3) -> Result<(Vector3, f64), Reason> {
+        let range = &self.scene.optics.depth_mm;
+        let inwards = tip - self.scene.portal;
+        let depth_mm = inwards.norm();
+        // A tip in its portal has no shaft.
+        inwards
+            .try_normalize(1e-6)
+            .filter(|_| range.contains(&depth_mm))
+            .map(|approach| (approach, depth_mm))
+            .ok_or(Reason::DepthRange {
+                depth_mm,
+                low_mm: *range.start(),
+                high_mm: *range.end(),
+            })
+    }
+
+    /// The optics turned to the middle of the jaw, all of it in view.
+    fn look_at(&self, site: &Site<'_>, tip: &Point3, approach: &Vector3) -> Result<Look, Reason> {
+        let optics = self.scene.optics;
+        let limit_rad = optics.reach_rad();
+        let out_of_view = |angle_rad| Reason::OutOfView {
+            angle_rad,
+            limit_rad,
+        };
+        let look = optics
+            .look_at(tip, approach, &Vector3::z(), &site.bite.center)
+            .ok_or(out_of_view(PI))?;
+        let cosines = site.sights.iter().map(|sight| {
+            let towards = sight - tip;
+            look.optical_axis.dot(&towards) / towards.norm()
+        });
+        let angle_rad = cosines.fold(1.0, f64::min).max(-1.0).acos();
+        if angle_rad <= limit_rad {
+            Ok(look)
+        } else {
+            Err(out_of_view(angle_rad))
+        }
+    }
+
+    /// Between the surfaces of both shafts, mm.
+    fn forceps_clearance_mm(
+        &self,
+        site: &Site<'_>,
+        tip: Point3,
+        approach: &Vector3,
+    ) -> Result<f64, Reason> {
+        let optics = self.scene.optics;
+        let axes_mm = behind(tip, approach, SHAFT_LENGTH_MM).distance_mm(&site.forceps);
+        let clearance_mm = axes_mm - optics.shaft_radius_mm - self.scene.forceps_radius_mm;
+        if clearance_mm >= optics.clearance_min_mm {
+            return Ok(clearance_mm);
+        }
+        Err(Reason::ShaftsTooClose {
+            clearance_mm,
+            limit_mm: optics.clearance_min_mm,
+        })
+    }
+
+    fn check_tissue(&self, tip: &Point3) -> Result<(), Reason> {
+        let limit_mm = self.scene.optics.through_tissue_max_mm;
+        let through_mm = self.clear_of_shaft.buried_mm(&self.scene.portal, tip);
+        if through_mm <= limit_mm {
+            return Ok(());
+        }
+        Err(Reason::ThroughTissue {
+            through_mm,
+            limit_mm,
+        })
+    }
+
+    fn check_bones(&self, tip: &Point3) -> Result<(), Reason> {
+        let optics = self.scene.optics;
+        let axis_mm = (self.scene.bone_mm)(&Segment {
+            from: self.scene.portal,
+            to: *tip,
+        });
+        let clearance_mm = axis_mm - optics.shaft_radius_mm;
+        if clearance_mm >= optics.bone_clearance_min_mm {
+            return Ok(());
+        }
+        Err(Reason::ShaftHitsBone {
+            clearance_mm,
+            limit_mm: optics.bone_clearance_min_mm,
+        })
+    }
+
+    /// Share of the sights that tissue or the forceps' shaft hide, percent.
+    fn occluded_percent(&self, site: &Site<'_>, tip: &Point3) -> Result<f64, Reason> {
         let hidden = site.sights.iter().filter(|&&sight| {
             let ray = Segment {
                 from: sight,
                 to: *tip,
             };
             ray.distance_mm(&site.forceps_shaft) < self.scene.forceps_radius_mm
-                || self.surface.hides(&ray.from, tip)
+                || self.surface.hides(&sight, tip)
         });
-        100.0 * hidden.count() as f64 / site.sights.len() as f64
+        let percent = 100.0 * hidden.count() as f64 / site.sights.len() as f64;
+        let limit_percent = self.scene.optics.occluded_max_percent;
+        if percent <= limit_percent {
+            return Ok(percent);
+        }
+        Err(Reason::Occluded {
+            percent,
+            limit_percent,
+        })
     }
 
     fn cost(&self, view: &View) -> f64 {

@@ -59,6 +59,7 @@ fn motion_cost(from: &View, to: &View) -> f64 {
 mod tests {
     use super::*;
     use arthro_geometry::{Point3, Vector3};
+    use proptest::prelude::*;
 
     fn pose(x: f64, roll_rad: f64, cost: f64) -> Pose {
         let view = View {
@@ -90,6 +91,37 @@ mod tests {
         };
         assert_eq!(tips(&stay(0.4)), [0.0, 0.0, 0.0]);
         assert_eq!(tips(&stay(7.0)), [0.0, 30.0, 0.0]);
+    }
+
+    fn cost_of(path: &[Pose]) -> f64 {
+        let moves = path.windows(2);
+        let moved: f64 = moves
+            .map(|pair| motion_cost(&pair[0].view, &pair[1].view))
+            .sum();
+        moved + path.iter().map(|pose| pose.cost).sum::<f64>()
+    }
+
+    proptest! {
+        #[test]
+        fn no_other_choice_of_poses_costs_less(
+            numbers in proptest::collection::vec((-20.0..20.0f64, -1.0..3.0f64, 0.0..3.0f64), 12)
+        ) {
+            let poses: Vec<Pose> = numbers.iter().map(|&(x, roll, cost)| pose(x, roll, cost)).collect();
+            let layers: Vec<Vec<Pose>> = poses.chunks(3).map(<[Pose]>::to_vec).collect();
+            let views = shortest(&layers);
+            let chosen: Vec<Pose> = layers
+                .iter()
+                .zip(&views)
+                .filter_map(|(layer, view)| layer.iter().find(|pose| pose.view == *view).copied())
+                .collect();
+            prop_assert_eq!(chosen.len(), layers.len());
+            for choice in 0..81usize {
+                let other: Vec<Pose> = (0..4)
+                    .map(|layer| layers[layer][choice / 3usize.pow(layer as u32) % 3])
+                    .collect();
+                prop_assert!(cost_of(&chosen) <= cost_of(&other) + 1e-9);
+            }
+        }
     }
 
     #[test]
