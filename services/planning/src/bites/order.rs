@@ -27,10 +27,6 @@ impl Gone {
         self.words[voxel as usize / 64] >> (voxel % 64) & 1 != 0
     }
 
-    pub(super) fn words(&self) -> &[u64] {
-        &self.words
-    }
-
     pub(super) fn add(&mut self, voxels: &[u32]) {
         for voxel in voxels {
             self.words[*voxel as usize / 64] |= 1 << (voxel % 64);

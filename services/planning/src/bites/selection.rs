@@ -48,11 +48,6 @@ impl<'a> Selection<'a> {
         }
     }
 
-    /// Voxels of the region that are bitten.
-    pub(super) fn region(&self) -> usize {
-        self.region
-    }
-
     /// Other voxels that are bitten.
     pub(super) fn outside(&self) -> usize {
         self.outside

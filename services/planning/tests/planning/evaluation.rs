@@ -99,7 +99,7 @@ fn the_papers_bites_from_start_to_goal_score_as_measured_elsewhere() {
 #[test]
 fn on_real_menisci_too_half_of_every_jaw_on_the_contour_eats_the_rim() {
     for (file, request) in menisci::torn() {
-        let crescent = Crescent::of(&request.model, &request.portal).unwrap();
+        let crescent = Crescent::of(&request.model, &request.portals[0]).unwrap();
         let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
         let angles = request
             .lesion
@@ -120,7 +120,7 @@ fn on_real_menisci_too_half_of_every_jaw_on_the_contour_eats_the_rim() {
             &request.model,
             &contour,
             &request.lesion,
-            &request.portal,
+            &request.portals[0],
             0.5,
         );
         let ours = case.evaluate(&case.papers_bites());

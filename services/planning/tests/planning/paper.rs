@@ -15,7 +15,7 @@ use arthro_planning::reference::{Ends, Reference};
 use arthro_planning::voxels::Voxels;
 use proptest::prelude::*;
 
-use crate::world::papers_case;
+use crate::world::{papers_case, papers_search};
 
 /// A contour in the tissue of the phantom, in the axes of its crescent.
 struct World {
@@ -161,7 +161,7 @@ fn print_row(world: &World, cost: Cost, cost_limit_per_mm: f64, step_mm: f64) {
             cost_limit_per_mm,
             step_mm,
             seed,
-            ..papers_case().search
+            ..papers_search()
         };
         let began = Instant::now();
         let path = world.search(&options);

@@ -1,99 +1,107 @@
 //! The paper's start, goal and box on the torn phantom.
 
-use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use arthro_geometry::{Point3, Vector3, phantom};
 use arthro_planning::Error;
+use arthro_planning::bites::{Ended, Partial, Patience};
 use arthro_planning::evaluation::Evaluation;
 use arthro_planning::jaw::Bite;
-use arthro_planning::plan;
+use arthro_planning::plan::{self, Given, Plan, Planner, Request};
+use arthro_planning::target::Aim;
 
-use crate::world::{papers_case, plan, worst_displaced_percent};
+use crate::world::{
+    band_case, papers_case, papers_search, plan, tear_case, worst_displaced_percent,
+};
+
+fn bites(plan: &Plan) -> Vec<Bite> {
+    plan.bites.iter().map(|planned| planned.bite).collect()
+}
 
 #[test]
-fn the_papers_case_clears_the_lesion_with_fewer_bites_than_the_paper() {
-    for seed in 0..8 {
-        let mut request = papers_case();
-        request.search.seed = seed;
-        let evaluation = plan(&request).unwrap().evaluation;
-        assert!(evaluation.bites <= 26, "{evaluation:?}");
-        assert!(evaluation.lesion_covered_percent >= 98.0, "{evaluation:?}");
-        assert!(evaluation.region_covered_percent >= 90.0, "{evaluation:?}");
-        assert!(evaluation.outside_removed_mm3 <= 25.0, "{evaluation:?}");
-        assert!(evaluation.rim_min_mm >= 2.9, "{evaluation:?}");
+fn a_tear_is_cleared_with_the_fewest_bites_there_are() {
+    for seed in 0..3 {
+        let plan = plan(&Request {
+            seed,
+            ..tear_case()
+        })
+        .unwrap();
+        let evaluation = &plan.evaluation;
+        assert!(evaluation.bites <= 5, "{evaluation:?}");
+        assert!(evaluation.region_covered_percent >= 95.0, "{evaluation:?}");
+        assert_eq!(evaluation.lesion_covered_percent, 100.0);
+        assert!(evaluation.outside_removed_mm3 <= 4.5, "{evaluation:?}");
+        assert!(evaluation.is_order_feasible(), "{evaluation:?}");
+        let choice = plan.choice.unwrap();
+        assert_eq!(
+            (choice.bound, choice.ended),
+            (evaluation.bites, Ended::Optimal)
+        );
     }
+}
+
+#[test]
+fn everything_inboard_of_the_papers_contour_takes_about_half_the_papers_bites() {
+    let plan = plan(&band_case()).unwrap();
+    let evaluation = &plan.evaluation;
+    assert!(evaluation.bites <= 20, "{evaluation:?}");
+    assert!(evaluation.region_covered_percent >= 95.0, "{evaluation:?}");
+    assert!(evaluation.outside_removed_mm3 <= 15.0, "{evaluation:?}");
+    assert!(evaluation.rim_min_mm >= 3.2, "{evaluation:?}");
+    assert!(evaluation.is_order_feasible(), "{evaluation:?}");
+    assert!(plan.choice.unwrap().bound <= evaluation.bites);
 }
 
 #[test]
 fn the_lesion_stays_covered_when_every_bite_lands_off() {
-    for seed in 0..4 {
-        let mut request = papers_case();
-        request.search.seed = seed;
-        let plan = plan(&request).unwrap();
-        for error_mm in [0.35, 0.7] {
-            let covered =
-                worst_displaced_percent(&request, &plan.bites, &phantom::SUPERIOR, error_mm);
-            assert!(covered >= 95.0, "{covered} % at {error_mm} mm");
-        }
-    }
-}
-
-#[test]
-fn a_given_tear_alone_takes_few_bites() {
-    let mut request = papers_case();
-    let shape = phantom::Phantom::default();
-    let on_edge = |phi_deg: f64| {
-        shape.point(phantom::Coordinates {
-            phi_rad: phi_deg.to_radians(),
-            width_fraction: 0.03,
-            height_fraction: 0.5,
-        })
-    };
-    (request.start, request.goal) = (on_edge(28.0), on_edge(-28.0));
-    let evaluation = plan(&request).unwrap().evaluation;
-    assert!(evaluation.bites <= 10);
-    assert!(evaluation.lesion_covered_percent >= 98.0);
-    assert!(evaluation.rim_min_mm > 4.0);
-}
-
-#[test]
-fn without_a_lesion_what_lies_inboard_of_the_contour_is_cleared() {
-    let mut request = papers_case();
-    request.lesion.clear();
-    let evaluation = plan(&request).unwrap().evaluation;
-    assert!(evaluation.bites <= 26);
-    assert!(evaluation.region_covered_percent >= 95.0);
-    assert_eq!(
-        evaluation.lesion_covered_percent,
-        evaluation.region_covered_percent
-    );
+    let request = tear_case();
+    let bites = bites(&plan(&request).unwrap());
+    let error_mm = request.limits.placement_error_mm;
+    let covered = worst_displaced_percent(&request, &bites, &phantom::SUPERIOR, error_mm);
+    assert!(covered >= 95.0, "{covered} % at {error_mm} mm");
 }
 
 #[test]
 fn jaws_that_meet_the_contour_with_an_edge_spare_the_rim_that_centred_ones_cut() {
-    let request = papers_case();
-    let plan = plan(&request).unwrap();
+    let request = band_case();
+    let planned = plan(&request).unwrap();
     // The paper's way: every path point is the middle of a bite.
-    let centred: Vec<Bite> = plan
-        .path
-        .iter()
-        .filter_map(|&point| Bite::through(&request.portal, point, &phantom::SUPERIOR, point))
-        .collect();
-    let centred = score_on_contour(&request, &plan, &centred);
-    let edged = score_on_contour(&request, &plan, &plan.bites);
+    let paper = plan(&Request {
+        planner: Planner::Paper(papers_search()),
+        ..request
+    })
+    .unwrap();
+    let (edged, centred) = (&planned.evaluation, &paper.evaluation);
     assert!(centred.bites > edged.bites);
     assert!(centred.outside_removed_mm3 > 5.0 * edged.outside_removed_mm3);
     assert!(centred.rim_min_mm < edged.rim_min_mm - 1.0);
+    assert!(paper.choice.is_none() && planned.path.is_empty());
 }
 
-fn score_on_contour(request: &plan::Request, plan: &plan::Plan, bites: &[Bite]) -> Evaluation {
+#[test]
+fn an_edge_of_every_jaw_meets_the_contour_or_lies_inboard_of_it() {
+    let request = tear_case();
+    for planned in plan(&request).unwrap().bites {
+        let bite = planned.bite;
+        let offset = bite.contour_point - bite.center;
+        let across = bite.opening.cross(&bite.approach);
+        let along = offset.dot(&bite.approach).abs() / request.jaw.length_mm;
+        let aside = offset.dot(&across).abs() / request.jaw.width_mm;
+        // The middle of the jaw is never on the contour.
+        assert!(along.max(aside) > 0.25, "{along} {aside}");
+    }
+}
+
+fn score_on_contour(request: &Request, plan: &Plan, bites: &[Bite]) -> Evaluation {
     plan::evaluate(&plan::EvaluationRequest {
         model: request.model.clone(),
         lesion: request.lesion.clone(),
         lesion_spacing_mm: request.lesion_spacing_mm,
         contour: plan.contour.clone(),
-        bites: bites.to_vec(),
+        bites: bites.iter().map(Given::from).collect(),
+        portals: request.portals.clone(),
         jaw: request.jaw,
+        throat_limit: request.limits.throat_limit,
         voxel_mm: request.voxel_mm,
     })
     .unwrap()
@@ -101,34 +109,45 @@ fn score_on_contour(request: &plan::Request, plan: &plan::Plan, bites: &[Bite]) 
 
 #[test]
 fn a_plan_scored_as_a_foreign_list_of_bites_gets_the_same_score() {
-    let request = papers_case();
+    let request = tear_case();
     let plan = plan(&request).unwrap();
-    let scored = score_on_contour(&request, &plan, &plan.bites);
+    let scored = score_on_contour(&request, &plan, &bites(&plan));
     let close = |a: f64, b: f64, within: f64| assert!((a - b).abs() <= within, "{a} {b}");
+    let expected = &plan.evaluation;
     close(
         scored.lesion_covered_percent,
-        plan.evaluation.lesion_covered_percent,
+        expected.lesion_covered_percent,
         0.1,
     );
     close(
         scored.region_covered_percent,
-        plan.evaluation.region_covered_percent,
+        expected.region_covered_percent,
         1.0,
     );
     close(
         scored.healthy_removed_mm3,
-        plan.evaluation.healthy_removed_mm3,
+        expected.healthy_removed_mm3,
         1.0,
     );
-    close(scored.rim_min_mm, plan.evaluation.rim_min_mm, 0.2);
+    close(scored.rim_min_mm, expected.rim_min_mm, 0.2);
+    assert!(scored.is_order_feasible());
+}
+
+#[test]
+fn the_order_of_a_plan_is_part_of_it() {
+    let request = band_case();
+    let plan = plan(&request).unwrap();
+    let mut turned = bites(&plan);
+    turned.reverse();
+    assert!(!score_on_contour(&request, &plan, &turned).is_order_feasible());
 }
 
 #[test]
 fn bites_have_their_axes_at_right_angles_and_their_centres_in_the_box() {
     let request = papers_case();
-    let (low, high) = request.target_box;
-    for bite in plan(&request).unwrap().bites {
-        let along = (bite.center - request.portal).normalize();
+    let (low, high) = request.target_box.unwrap();
+    for bite in bites(&plan(&request).unwrap()) {
+        let along = (bite.center - request.portals[0]).normalize();
         assert!((bite.approach - along).norm() < 1e-9);
         assert!(bite.approach.dot(&bite.opening).abs() < 1e-9);
         assert!(bite.opening.dot(&phantom::SUPERIOR) > 0.9);
@@ -138,90 +157,156 @@ fn bites_have_their_axes_at_right_angles_and_their_centres_in_the_box() {
 }
 
 #[test]
-fn the_path_leads_from_start_to_goal_and_stays_near_the_contour() {
-    let request = papers_case();
+fn a_second_portal_is_used_where_it_helps_and_bites_through_one_are_made_together() {
+    let mut request = band_case();
+    request.portals.push(Point3::new(62.0, 48.0, 94.5));
     let plan = plan(&request).unwrap();
-    assert!((plan.path[0] - request.start).norm() < 1e-9);
-    assert!((plan.path[plan.path.len() - 1] - request.goal).norm() < 1e-9);
-    let mut sum_mm = 0.0;
-    for point in &plan.path {
-        let distances = plan.contour.iter().map(|contour| (point - contour).norm());
-        let distance_mm = distances.fold(f64::INFINITY, f64::min);
-        assert!(distance_mm <= 1.0, "{distance_mm} mm");
-        sum_mm += distance_mm;
+    let portals: Vec<usize> = plan.bites.iter().map(|planned| planned.portal).collect();
+    for planned in &plan.bites {
+        let along = (planned.bite.center - request.portals[planned.portal]).normalize();
+        assert!((planned.bite.approach - along).norm() < 1e-9);
     }
-    // The search as printed in the paper strays by 2.3 mm on average.
-    assert!(sum_mm / (plan.path.len() as f64) < 0.5);
+    let changes = portals.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    assert!(portals.contains(&1) && changes <= 4, "{portals:?}");
+    assert!(plan.evaluation.is_order_feasible());
 }
 
 #[test]
-fn the_same_seed_gives_the_same_plan_and_another_seed_another_path() {
-    let mut request = papers_case();
-    let (first, again) = (plan(&request).unwrap(), plan(&request).unwrap());
-    assert_eq!(first.bites, again.bites);
-    assert_eq!(first.path, again.path);
-    assert_eq!(first.evaluation, again.evaluation);
-    request.search.seed = 2;
-    assert_ne!(first.path, plan(&request).unwrap().path);
+fn the_same_seed_gives_the_same_plan_on_any_number_of_threads() {
+    let request = tear_case();
+    let expected = plan(&request).unwrap();
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let again = pool.unwrap().install(|| plan(&request)).unwrap();
+        assert_eq!(bites(&again), bites(&expected));
+        assert_eq!(again.evaluation, expected.evaluation);
+        assert_eq!(again.choice, expected.choice);
+    }
 }
 
 #[test]
-fn the_progress_grows_and_names_every_stage() {
+fn the_papers_search_with_another_seed_finds_another_path() {
+    let path = |seed| {
+        let search = arthro_planning::paper::Search {
+            seed,
+            ..papers_search()
+        };
+        let planner = Planner::Paper(search);
+        plan(&Request {
+            planner,
+            ..band_case()
+        })
+        .unwrap()
+        .path
+    };
+    assert_eq!(path(1), path(1));
+    assert_ne!(path(1), path(2));
+}
+
+#[test]
+fn the_progress_grows_names_every_stage_and_tells_incumbent_and_bound() {
     let mut heard = Vec::new();
-    plan::plan(&papers_case(), &mut |progress| {
-        heard.push(progress);
-        ControlFlow::Continue(())
+    plan::plan(&tear_case(), &|| Patience::GoOn, &mut |progress| {
+        heard.push(progress)
     })
     .unwrap();
     assert!(
         heard
             .windows(2)
-            .all(|pair| pair[0].fraction <= pair[1].fraction)
+            .all(|pair| pair[0].fraction <= pair[1].fraction + 1e-9)
     );
     let mut stages: Vec<&str> = heard.iter().map(|progress| progress.stage).collect();
     stages.dedup();
-    assert_eq!(stages, ["voxels", "contour", "rrt", "bites", "evaluation"]);
+    assert_eq!(stages, ["voxels", "contour", "bites", "evaluation"]);
+    let incumbents: Vec<usize> = heard
+        .iter()
+        .filter_map(|progress| progress.incumbent)
+        .collect();
+    assert!(!incumbents.is_empty() && incumbents.windows(2).all(|pair| pair[0] >= pair[1]));
+    assert!(heard.last().unwrap().bound.is_some());
 }
 
 #[test]
 fn a_plan_can_be_stopped_at_every_stage() {
-    for stage in ["voxels", "contour", "rrt", "bites", "evaluation"] {
-        let outcome = plan::plan(&papers_case(), &mut |progress| {
-            if progress.stage == stage {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
+    for stage in ["voxels", "contour", "bites", "evaluation"] {
+        let reached = AtomicBool::new(false);
+        let patience = || match reached.load(Ordering::Relaxed) {
+            true => Patience::Stop,
+            false => Patience::GoOn,
+        };
+        let outcome = plan::plan(&tear_case(), &patience, &mut |progress| {
+            reached.fetch_or(progress.stage == stage, Ordering::Relaxed);
         });
         assert_eq!(outcome.map(|_| ()), Err(Error::Cancelled), "{stage}");
     }
 }
 
+#[test]
+fn a_hurried_search_ends_with_the_best_plan_it_has() {
+    let asked = AtomicUsize::new(0);
+    let found = AtomicBool::new(false);
+    let patience = || {
+        asked.fetch_add(1, Ordering::Relaxed);
+        match found.load(Ordering::Relaxed) {
+            true => Patience::Hurry,
+            false => Patience::GoOn,
+        }
+    };
+    let plan = plan::plan(&band_case(), &patience, &mut |progress| {
+        found.fetch_or(progress.incumbent.is_some(), Ordering::Relaxed);
+    })
+    .unwrap();
+    assert_eq!(plan.choice.unwrap().ended, Ended::Deadline);
+    assert!(plan.evaluation.region_covered_percent >= 95.0);
+    assert!(plan.evaluation.is_order_feasible());
+}
+
+#[test]
+fn no_time_at_all_is_a_refusal_and_no_half_plan() {
+    let outcome = plan::plan(&band_case(), &|| Patience::Hurry, &mut |_| {});
+    assert_eq!(outcome.map(|_| ()), Err(Error::Deadline));
+}
+
 /// The field that a broken request is refused for.
-fn refused_field(request: &plan::Request) -> &'static str {
+fn refused_field(request: &Request) -> &'static str {
     match plan(request) {
         Err(Error::Invalid { field, .. }) => field,
         other => panic!("{other:?}"),
     }
 }
 
+fn with_ends(start: Point3, goal: Point3) -> Request {
+    Request {
+        aim: Aim::Ends { start, goal },
+        ..papers_case()
+    }
+}
+
 #[test]
 fn places_that_do_not_fit_the_tissue_are_refused_by_name() {
-    let mut request = papers_case();
-    request.start += Vector3::new(0.0, -6.0, 0.0);
+    let off = Vector3::new(0.0, -6.0, 0.0);
+    let request = with_ends(phantom::START + off, phantom::GOAL);
     assert_eq!(refused_field(&request), "options.start");
 
-    let mut request = papers_case();
-    request.goal += Vector3::new(4.0, 0.0, 0.0);
+    let off = Vector3::new(4.0, 0.0, 0.0);
+    let request = with_ends(phantom::START, phantom::GOAL + off);
     assert_eq!(refused_field(&request), "options.goal");
 
     let mut request = papers_case();
-    request.target_box = (Point3::new(50.0, 40.0, 80.0), Point3::new(60.0, 70.0, 90.0));
+    request.target_box = Some((Point3::new(50.0, 40.0, 80.0), Point3::new(60.0, 70.0, 90.0)));
     assert_eq!(refused_field(&request), "options.target_box");
 
     let mut request = papers_case();
-    request.portal = Point3::new(56.0, 67.0, 50.0);
+    request.portals = vec![Point3::new(56.0, 67.0, 50.0)];
     assert_eq!(refused_field(&request), "options.portal");
+
+    let mut request = papers_case();
+    request.portals.clear();
+    assert_eq!(refused_field(&request), "options.portal");
+
+    let mut request = tear_case();
+    request.lesion.clear();
+    assert_eq!(refused_field(&request), "lesion");
 }
 
 #[test]
@@ -241,7 +326,7 @@ fn a_mesh_in_metres_and_one_turned_inside_out_in_part_are_refused() {
 
 #[test]
 fn a_mesh_turned_inside_out_as_a_whole_has_the_same_plan() {
-    let mut request = papers_case();
+    let mut request = tear_case();
     let expected = plan(&request).unwrap();
     for triangle in &mut request.model.triangles {
         triangle.swap(0, 1);
@@ -271,9 +356,7 @@ fn a_lesion_outside_the_model_is_refused_with_its_share() {
 
 #[test]
 fn a_goal_too_near_the_rim_is_refused_with_the_rim_it_would_leave() {
-    let mut request = papers_case();
-    request.goal.y += 1.5;
-    request.goal.z -= 1.5;
+    let request = with_ends(phantom::START, phantom::GOAL + Vector3::new(0.0, 1.5, -1.5));
     match plan(&request) {
         Err(Error::RimBelowLimit {
             rim_mm, limit_mm, ..
@@ -284,10 +367,16 @@ fn a_goal_too_near_the_rim_is_refused_with_the_rim_it_would_leave() {
 
 #[test]
 fn a_cost_limit_that_no_path_keeps_is_refused_after_the_iterations_given() {
-    let mut request = papers_case();
-    request.search.cost_limit_per_mm = 0.01;
-    request.search.max_iterations = 5_000;
-    match plan(&request) {
+    let search = arthro_planning::paper::Search {
+        cost_limit_per_mm: 0.01,
+        max_iterations: 5_000,
+        ..papers_search()
+    };
+    let planner = Planner::Paper(search);
+    match plan(&Request {
+        planner,
+        ..band_case()
+    }) {
         Err(Error::NoPath {
             iterations,
             left_mm,
@@ -301,8 +390,6 @@ fn a_cost_limit_that_no_path_keeps_is_refused_after_the_iterations_given() {
 
 #[test]
 fn a_contour_along_the_free_edge_leaves_nothing_to_remove() {
-    let mut request = papers_case();
-    request.lesion.clear();
     let shape = phantom::Phantom::default();
     let on_edge = |phi_deg: f64| {
         shape.point(phantom::Coordinates {
@@ -311,16 +398,66 @@ fn a_contour_along_the_free_edge_leaves_nothing_to_remove() {
             height_fraction: 0.5,
         })
     };
-    (request.start, request.goal) = (on_edge(10.0), on_edge(-10.0));
+    let request = Request {
+        lesion: Vec::new(),
+        ..with_ends(on_edge(10.0), on_edge(-10.0))
+    };
     assert!(matches!(plan(&request), Err(Error::NothingToRemove { .. })));
 }
 
+/// A box that leaves out the posterior half.
+fn half_boxed() -> Request {
+    let (low, high) = phantom::TARGET_BOX;
+    Request {
+        target_box: Some((
+            Point3::new(low.x, low.y, 36.0),
+            Point3::new(high.x, 61.0, high.z),
+        )),
+        ..band_case()
+    }
+}
+
 #[test]
-fn a_box_around_start_and_goal_alone_is_refused_instead_of_planned_in_part() {
-    let mut request = papers_case();
-    request.lesion.clear();
-    let (start, goal) = (request.start, request.goal);
-    let around = Vector3::repeat(0.1);
-    request.target_box = (start.inf(&goal) - around, start.sup(&goal) + around);
-    assert!(matches!(plan(&request), Err(Error::NoPath { .. })));
+fn tissue_that_no_bite_reaches_is_refused_with_its_volume_and_place() {
+    match plan(&half_boxed()) {
+        Err(Error::UnreachableTissue {
+            residual_mm3,
+            allowed_mm3,
+            at,
+            ..
+        }) => {
+            assert!(residual_mm3 > allowed_mm3 && allowed_mm3 > 10.0);
+            assert!((at - Point3::new(54.0, 60.0, 45.0)).norm() < 12.0, "{at}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_partial_plan_comes_only_when_asked_for_and_says_so() {
+    let mut request = half_boxed();
+    request.limits.partial = Partial::Allow;
+    let partial = plan(&request).unwrap();
+    assert!(!partial.choice.unwrap().complete);
+    assert!(partial.evaluation.region_covered_percent < 95.0);
+    assert!(partial.evaluation.region_covered_percent > 20.0);
+    assert!(partial.evaluation.is_order_feasible());
+}
+
+#[test]
+fn an_outside_limit_of_nothing_is_refused_with_what_the_closest_bites_leave_and_take() {
+    let mut request = band_case();
+    request.limits.outside_limit_mm3 = Some(0.0);
+    request.limits.region_percent = 99.5;
+    match plan(&request) {
+        Err(Error::RegionNotCleared {
+            residual_mm3,
+            allowed_mm3,
+            outside_mm3,
+            outside_limit_mm3,
+            ..
+        }) => assert!(residual_mm3 > allowed_mm3 || outside_mm3 > outside_limit_mm3),
+        Err(Error::UnreachableTissue { .. }) => {}
+        other => panic!("{other:?}"),
+    }
 }

@@ -3,9 +3,10 @@
 use std::net::SocketAddr;
 
 use arthro_bootstrap::status;
-use arthro_geometry::Point3;
+use arthro_geometry::{Point3, phantom};
 use arthro_planning::plan::Request;
 use arthro_planning::server::Planning;
+use arthro_planning::target::Aim;
 use arthro_proto::common::v1 as common;
 use arthro_proto::planning::v1 as proto;
 use arthro_proto::planning::v1::planning_service_client::PlanningServiceClient;
@@ -118,23 +119,37 @@ fn lesion_header(case: &Request) -> common::CloudHeader {
 }
 
 fn options(case: &Request) -> proto::PlanResectionOptions {
+    let Aim::Ends { start, goal } = case.aim else {
+        panic!("{:?}", case.aim);
+    };
+    let (low, high) = case.target_box.unwrap();
     proto::PlanResectionOptions {
         model: Some(mesh_header(case)),
         lesion: Some(lesion_header(case)),
         lesion_spacing_mm: LESION_SPACING_MM,
-        start: point(case.start),
-        goal: point(case.goal),
+        start: point(start),
+        goal: point(goal),
         target_box: Some(common::Box {
-            min: point(case.target_box.0),
-            max: point(case.target_box.1),
+            min: point(low),
+            max: point(high),
         }),
-        portal: point(case.portal),
+        portal: point(case.portals[0]),
         jaw: Some(proto::Jaw {
             width_mm: case.jaw.width_mm,
             length_mm: case.jaw.length_mm,
+            throat_mm: None,
         }),
-        seed: case.search.seed,
+        seed: case.seed,
         ..Default::default()
+    }
+}
+
+/// The options of the scenario TEAR: no ends, the contour comes from the lesion.
+fn tear_options(case: &Request) -> proto::PlanResectionOptions {
+    proto::PlanResectionOptions {
+        start: None,
+        goal: None,
+        ..options(case)
     }
 }
 
@@ -235,8 +250,8 @@ async fn bad_options_are_refused_all_at_once() {
     bad.voxel_mm = -0.5;
     bad.step_mm = f64::INFINITY;
     bad.target_box = Some(common::Box {
-        min: point(case.target_box.1),
-        max: point(case.target_box.0),
+        min: point(case.target_box.unwrap().1),
+        max: point(case.target_box.unwrap().0),
     });
     let refusal = context.refusal(messages(bad, &case)).await;
     let fields = violated_fields(&refusal);
@@ -262,10 +277,11 @@ async fn bites_whose_axes_are_no_axes_are_refused() {
     let case = papers_case();
     let axis = |x: f64, y: f64| Some(common::Direction { x, y, z: 0.0 });
     let bite = |approach, opening| proto::Bite {
-        center: point(case.start),
+        center: point(phantom::START),
         approach,
         opening,
         contour_point: None,
+        portal: 0,
     };
     let options = proto::EvaluateResectionOptions {
         model: Some(mesh_header(&case)),

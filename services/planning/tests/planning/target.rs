@@ -23,7 +23,7 @@ struct Drawn {
 impl Drawn {
     fn around_the_tear_of(request: &Request) -> Self {
         let (crescent, voxels) =
-            plan::model(&request.model, &request.portal, request.voxel_mm, 1.0).unwrap();
+            plan::model(&request.model, &request.portals[0], request.voxel_mm, 1.0).unwrap();
         let spacing_mm = request.lesion_spacing_mm;
         let lesion = Lesion::of(&request.lesion, spacing_mm, &crescent, &voxels, 1.0).unwrap();
         let rules = Rules::default();
@@ -53,7 +53,7 @@ fn moved(request: &Request, motion: &Isometry3<f64>) -> Request {
     for point in &mut moved.lesion {
         *point = motion * *point;
     }
-    moved.portal = motion * request.portal;
+    moved.portals = vec![motion * request.portals[0]];
     moved
 }
 

@@ -186,7 +186,9 @@ fn the_bites_of_a_plan_are_seen() {
     for mut world in both_portals() {
         let meniscal_from_ct = world.crescent.ct_from_meniscal.inverse();
         let bites = plan.bites.iter();
-        world.bites = bites.map(|bite| bite.carried(&meniscal_from_ct)).collect();
+        world.bites = bites
+            .map(|planned| planned.bite.carried(&meniscal_from_ct))
+            .collect();
         assert_eq!(world.plan().unwrap().len(), plan.bites.len());
     }
 }

@@ -1,14 +1,14 @@
 //! The cases that the tests plan.
 
-use std::ops::ControlFlow;
-
 use arthro_geometry::phantom::{self, Phantom, RadialTear};
 use arthro_geometry::{Mesh, Point3, Vector3};
 use arthro_planning::Error;
+use arthro_planning::bites::Patience;
 use arthro_planning::evaluation::Evaluation;
 use arthro_planning::jaw::{Bite, Jaw};
 use arthro_planning::paper::{Cost, Search};
-use arthro_planning::plan::{self, EvaluationRequest, Plan, Request};
+use arthro_planning::plan::{self, EvaluationRequest, Given, Limits, Plan, Planner, Request};
+use arthro_planning::target::{Aim, Rules};
 
 pub const LESION_SPACING_MM: f64 = 0.5;
 
@@ -20,21 +20,52 @@ pub fn papers_case() -> Request {
             Phantom::default().is_torn(point, &RadialTear::BODY)
         }),
         lesion_spacing_mm: LESION_SPACING_MM,
-        start: phantom::START,
-        goal: phantom::GOAL,
-        target_box: phantom::TARGET_BOX,
-        portal: phantom::PORTAL_ANTEROLATERAL,
+        aim: Aim::Ends {
+            start: phantom::START,
+            goal: phantom::GOAL,
+        },
+        contour_rules: Rules::default(),
+        target_box: Some(phantom::TARGET_BOX),
+        portals: vec![phantom::PORTAL_ANTEROLATERAL],
         jaw: Jaw::new(3.0, 4.5),
         voxel_mm: 0.5,
-        rim_min_mm: 3.0,
-        search: Search {
-            cost: Cost::Corrected,
-            step_mm: 1.0,
-            tolerance_mm: 1.0,
-            cost_limit_per_mm: 0.4,
-            max_iterations: 100_000,
-            seed: 1,
+        planner: Planner::Bites,
+        limits: Limits::default(),
+        effort: 1,
+        arthroscope: None,
+        seed: 1,
+    }
+}
+
+/// The scenario TEAR: the contour leads around the tear alone.
+pub fn tear_case() -> Request {
+    Request {
+        aim: Aim::Lesion,
+        ..papers_case()
+    }
+}
+
+/// The scenario BAND: everything inboard of the contour from the paper's start to its goal.
+pub fn band_case() -> Request {
+    Request {
+        lesion: Vec::new(),
+        contour_rules: Rules {
+            rim_min_mm: 3.2,
+            ..Rules::default()
         },
+        ..papers_case()
+    }
+}
+
+/// The paper's search as the service sets it by default.
+pub fn papers_search() -> Search {
+    Search {
+        cost: Cost::Corrected,
+        step_mm: 1.0,
+        tolerance_mm: 1.0,
+        cost_limit_per_mm: 0.4,
+        max_iterations: 100_000,
+        seed: 1,
     }
 }
 
@@ -58,7 +89,7 @@ pub fn lesion(mesh: &Mesh, is_damaged: impl Fn(&Point3) -> bool) -> Vec<Point3> 
 }
 
 pub fn plan(request: &Request) -> Result<Plan, Error> {
-    plan::plan(request, &mut |_| ControlFlow::Continue(()))
+    plan::plan(request, &|| Patience::GoOn, &mut |_| {})
 }
 
 /// Scores bites on the request's lesion alone.
@@ -68,8 +99,10 @@ pub fn score(request: &Request, bites: &[Bite]) -> Evaluation {
         lesion: request.lesion.clone(),
         lesion_spacing_mm: request.lesion_spacing_mm,
         contour: Vec::new(),
-        bites: bites.to_vec(),
+        bites: bites.iter().map(Given::from).collect(),
+        portals: request.portals.clone(),
         jaw: request.jaw,
+        throat_limit: request.limits.throat_limit,
         voxel_mm: request.voxel_mm,
     })
     .unwrap()
