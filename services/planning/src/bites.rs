@@ -138,10 +138,11 @@ pub fn choose(
             incumbent,
             bound,
         });
-        if patience() == Patience::Stop {
-            return Err(Error::Cancelled);
+        match patience() {
+            Patience::Stop => Err(Error::Cancelled),
+            Patience::Hurry if incumbent.is_none() => Err(Error::Deadline),
+            Patience::Hurry | Patience::GoOn => Ok(()),
         }
-        Ok(())
     };
     let poses = poses::over(task, &region, access, |share| hear(0.3 * share, None, None))?;
     let lesion = access.placement_error_mm.map(|_| task.lesion);
@@ -157,6 +158,9 @@ pub fn choose(
     hear(0.35, None, None)?;
     let mut search = Search::of(&problem, *effort, patience);
     if !search.start()? {
+        if patience() != Patience::GoOn {
+            return Err(Error::Deadline);
+        }
         if rules.partial == Partial::Refuse {
             return Err(shortfall::of_closest(&search.best, &problem, task));
         }

@@ -241,6 +241,9 @@ pub fn plan(
         incumbent: choice.map(|_| bites.len()),
         bound: choice.map(|choice| choice.bound),
     });
+    if patience() == Patience::Stop {
+        return Err(Error::Cancelled);
+    }
     let local: Vec<Bite> = bites.iter().map(|(_, bite)| *bite).collect();
     let mut evaluation = task.evaluate(&local);
     evaluation.rim_min_at = crescent.ct_from_meniscal * evaluation.rim_min_at;

@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_zig_zag_is_refused_and_as_printed_it_is_the_best_of_all() {
-        let zig_zag = |step: u32| if step % 2 == 0 { 1.0 } else { -1.0 } / RADIUS_MM;
+        let zig_zag = |step: u32| if step.is_multiple_of(2) { 1.0 } else { -1.0 } / RADIUS_MM;
         let (corrected, printed) = costs(&turning(1.0, 12, zig_zag));
         assert!(corrected > LIMIT_PER_MM);
         assert!(printed < 2e-3, "{printed}");

@@ -13,6 +13,8 @@ pub(super) struct Guide {
     /// Curvature vector at each point, 1/mm.
     bends: Vec<Vector3>,
     start_tangent: Vector3,
+    goal_tangent: Vector3,
+    length_mm: f64,
 }
 
 /// The place on the reference that is nearest to a point.
@@ -37,11 +39,23 @@ impl Guide {
             points: parameters.iter().map(|&at| reference.point(at)).collect(),
             bends: parameters.iter().map(bend).collect(),
             start_tangent: reference.tangent(0.0),
+            goal_tangent: reference.tangent(1.0),
+            length_mm: reference.length_mm(),
         }
     }
 
-    pub(super) fn points(&self) -> &[Point3] {
-        &self.points
+    pub(super) fn length_mm(&self) -> f64 {
+        self.length_mm
+    }
+
+    /// The sample nearest to a way from the start; beyond the goal straight on.
+    pub(super) fn at(&self, way_mm: f64) -> Point3 {
+        if way_mm > self.length_mm {
+            return self.goal() + self.goal_tangent * (way_mm - self.length_mm);
+        }
+        let last = self.points.len() - 1;
+        let index = (way_mm / self.length_mm.max(1e-9) * last as f64).round();
+        self.points[(index as usize).min(last)]
     }
 
     pub(super) fn start(&self) -> Point3 {

@@ -1,10 +1,11 @@
 //! The rapidly exploring random tree from start to goal.
 //!
 //! Each iteration draws a point, extends the nearest node by one step towards it, and keeps the
-//! extension if it stays on the tissue, in the box, and below the limit of the [`Cost`]. A node whose
-//! extensions are all refused would remain the nearest one for ever: the corrected search therefore
-//! turns towards the point only as far as its cost allows, draws most points around the reference,
-//! and keeps no two nodes in the same place.
+//! extension if it stays on the tissue, in the box, and below the limit of the [`Cost`]. With the
+//! paper's manner a node whose extensions are all refused remains the nearest one for ever. The
+//! corrected search therefore draws most points around the reference, extends the node that comes
+//! nearest to the point if it goes on straight, turns no further than its cost allows, and keeps no
+//! two nodes that come to the same place.
 
 use std::ops::{ControlFlow, RangeInclusive};
 
@@ -35,7 +36,7 @@ pub struct Search {
     pub step_mm: f64,
     /// How far a point may be from tissue, and with [`Cost::Corrected`] from the reference, mm.
     pub tolerance_mm: f64,
-    /// Highest cost, 1/mm.
+    /// Highest cost, 1/mm; the printed one has no unit that holds.
     pub cost_limit_per_mm: f64,
     /// Iterations before it gives up.
     pub max_iterations: u32,
@@ -54,7 +55,9 @@ pub struct Path {
 
 /// Searches a path along `reference` through points that `allowed` lets pass.
 ///
-/// `watch` hears the iterations made and may end the search.
+/// Reference, voxels and path are in the axes of the crescent, mm. `watch` hears the iterations made
+/// every few hundred and may end the search ([`Error::Cancelled`]). [`Error::NoPath`] tells how far
+/// it came.
 pub fn search(
     reference: &Spline,
     voxels: &Voxels,
@@ -63,27 +66,17 @@ pub fn search(
     mut watch: impl FnMut(u32) -> ControlFlow<()>,
 ) -> Result<Path, Error> {
     let guide = Guide::of(reference);
-    let reserve = Reserve::of(options);
     let mut tree = Tree::from_start(&guide, voxels, options);
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     for iteration in 1..=options.max_iterations {
         if iteration % REPORT_EVERY == 0 && watch(iteration).is_break() {
             return Err(Error::Cancelled);
         }
-        let sample = reserve.sample(&mut random, &guide, voxels);
-        let nearest = tree.places.nearest(&sample);
-        let Some(direction) = tree.direction(nearest, &sample, &reserve) else {
+        let sample = tree.manner.sample(&mut random, &guide, voxels);
+        let Some(node) = tree.grown_towards(&sample, &guide) else {
             continue;
         };
-        let point = tree.nodes[nearest].point + direction * options.step_mm;
-        let foot = guide.foot(&point);
-        if foot.off_mm > reserve.off_mm || tree.places.has_within(&point, reserve.crowded_mm) {
-            continue;
-        }
-        let Some(node) = tree.extension(nearest, point, foot) else {
-            continue;
-        };
-        if !allowed(&point) || !voxels.is_within(&point, options.tolerance_mm) {
+        if !allowed(&node.point) || !voxels.is_within(&node.point, options.tolerance_mm) {
             continue;
         }
         tree.push(node);
@@ -102,37 +95,51 @@ pub fn search(
     })
 }
 
-/// What the corrected search takes care of beyond the cost.
-struct Reserve {
+/// What the two searches do differently beyond their costs.
+struct Manner {
     /// How far a node may be from the reference, mm.
     off_mm: f64,
-    /// How near two nodes may not be, mm.
-    crowded_mm: f64,
     /// Share of the samples drawn around the reference; the others come from the whole tissue.
     reference_share: f64,
-    /// How far around the reference they are drawn, mm.
+    /// How far around the reference they are drawn along each axis, mm.
     around_mm: f64,
-    /// How much more or less than the reference a step may turn, 1/mm.
-    turn_per_mm: f64,
+    /// A sample extends the node that comes nearest to it when it goes on straight for so long, mm: a
+    /// node beside the reference that heads away from it is then not the nearest to what lies ahead.
+    ahead_mm: f64,
+    /// How near to each other two nodes may not come there, mm.
+    crowded_mm: f64,
+    /// How a node turns towards a sample.
+    steering: Steering,
 }
 
-impl Reserve {
+enum Steering {
+    /// At once, however sharp the turn.
+    Straight,
+    /// At most so much more or less than the reference turns, 1/mm.
+    Bounded { turn_per_mm: f64 },
+}
+
+impl Manner {
     fn of(options: &Search) -> Self {
         match options.cost {
             Cost::Corrected => Self {
                 off_mm: options.tolerance_mm,
-                crowded_mm: 0.2 * options.step_mm,
                 reference_share: 0.75,
-                around_mm: 0.5 * options.tolerance_mm,
+                around_mm: 0.25 * options.tolerance_mm,
+                ahead_mm: 1.0,
+                crowded_mm: 0.2 * options.step_mm,
                 // The other half of the cost is left for the distance.
-                turn_per_mm: 0.5 * options.cost_limit_per_mm,
+                steering: Steering::Bounded {
+                    turn_per_mm: 0.5 * options.cost_limit_per_mm,
+                },
             },
             Cost::AsPrinted => Self {
                 off_mm: f64::INFINITY,
-                crowded_mm: 0.0,
                 reference_share: 0.0,
                 around_mm: 0.0,
-                turn_per_mm: f64::INFINITY,
+                ahead_mm: 0.0,
+                crowded_mm: 0.0,
+                steering: Steering::Straight,
             },
         }
     }
@@ -143,11 +150,35 @@ impl Reserve {
             return guide.goal();
         }
         if choice < GOAL_SHARE + self.reference_share || voxels.centers().is_empty() {
-            let on_reference = guide.points()[random.random_range(0..guide.points().len())];
+            // The last nodes look beyond the goal.
+            let whole_mm = guide.length_mm() + self.ahead_mm;
+            let on_reference = guide.at(random.random::<f64>() * whole_mm);
             let mut offset_mm = || (2.0 * random.random::<f64>() - 1.0) * self.around_mm;
             return on_reference + Vector3::new(offset_mm(), offset_mm(), offset_mm());
         }
         voxels.centers()[random.random_range(0..voxels.centers().len())]
+    }
+
+    /// The unit direction from a node to `sample`, or as near to it as the steering lets it come;
+    /// `None` if the sample lies at the node, or behind one that cannot turn at once.
+    fn direction(&self, from: &Node, sample: &Point3, step_mm: f64) -> Option<Vector3> {
+        let toward = (sample - from.point).try_normalize(1e-9)?;
+        let turn_per_mm = match self.steering {
+            Steering::Straight => return Some(toward),
+            Steering::Bounded { turn_per_mm } => turn_per_mm,
+        };
+        let way_mm = 0.5 * (from.length_mm + step_mm);
+        let along = (from.direction + from.bend_per_mm * way_mm).try_normalize(1e-9)?;
+        let (cosine, most_rad) = (toward.dot(&along), turn_per_mm * way_mm);
+        if cosine <= 0.0 {
+            return None;
+        }
+        if cosine.min(1.0).acos() <= most_rad {
+            return Some(toward);
+        }
+        let across = (toward - along * cosine).try_normalize(1e-9)?;
+        let (sin, cos) = most_rad.sin_cos();
+        Some(along * cos + across * sin)
     }
 }
 
@@ -166,8 +197,9 @@ struct Node {
 
 struct Tree<'a> {
     options: &'a Search,
+    manner: Manner,
     nodes: Vec<Node>,
-    /// The points of the nodes.
+    /// Where each node comes to [`Manner::ahead_mm`] ahead.
     places: Slabs,
 }
 
@@ -176,6 +208,7 @@ impl<'a> Tree<'a> {
         let start = guide.start();
         let mut tree = Self {
             options,
+            manner: Manner::of(options),
             nodes: Vec::new(),
             places: Slabs::across(voxels.centers()),
         };
@@ -191,30 +224,28 @@ impl<'a> Tree<'a> {
     }
 
     fn push(&mut self, node: Node) {
-        self.places.push(node.point);
+        self.places.push(self.place(&node));
         self.nodes.push(node);
     }
 
-    /// The unit direction from a node to `sample`, or as near to it as the turn allowed lets it come;
-    /// `None` if the sample lies at the node or behind it.
-    fn direction(&self, from: usize, sample: &Point3, reserve: &Reserve) -> Option<Vector3> {
-        let node = &self.nodes[from];
-        let toward = (sample - node.point).try_normalize(1e-9)?;
-        if reserve.turn_per_mm.is_infinite() {
-            return Some(toward);
-        }
-        let way_mm = 0.5 * (node.length_mm + self.options.step_mm);
-        let along = (node.direction + node.bend_per_mm * way_mm).try_normalize(1e-9)?;
-        let (cosine, most_rad) = (toward.dot(&along), reserve.turn_per_mm * way_mm);
-        if cosine <= 0.0 {
+    fn place(&self, node: &Node) -> Point3 {
+        node.point + node.direction * self.manner.ahead_mm
+    }
+
+    /// The node one step from the nearest one towards `sample`, if it may be one.
+    fn grown_towards(&self, sample: &Point3, guide: &Guide) -> Option<Node> {
+        let nearest = self.places.nearest(sample);
+        let (from, step_mm) = (&self.nodes[nearest], self.options.step_mm);
+        let point = from.point + self.manner.direction(from, sample, step_mm)? * step_mm;
+        let foot = guide.foot(&point);
+        if foot.off_mm > self.manner.off_mm {
             return None;
         }
-        if cosine.min(1.0).acos() <= most_rad {
-            return Some(toward);
-        }
-        let across = (toward - along * cosine).try_normalize(1e-9)?;
-        let (sin, cos) = most_rad.sin_cos();
-        Some(along * cos + across * sin)
+        let node = self.extension(nearest, point, foot)?;
+        let crowded = self
+            .places
+            .has_within(&self.place(&node), self.manner.crowded_mm);
+        (!crowded).then_some(node)
     }
 
     /// The node at `point` after `parent`, if the cost (Eq. 8) allows it.

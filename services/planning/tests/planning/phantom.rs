@@ -405,14 +405,11 @@ fn a_contour_along_the_free_edge_leaves_nothing_to_remove() {
     assert!(matches!(plan(&request), Err(Error::NothingToRemove { .. })));
 }
 
-/// A box that leaves out the posterior half.
+/// A box around the contour's ends that leaves out the body between them.
 fn half_boxed() -> Request {
     let (low, high) = phantom::TARGET_BOX;
     Request {
-        target_box: Some((
-            Point3::new(low.x, low.y, 36.0),
-            Point3::new(high.x, 61.0, high.z),
-        )),
+        target_box: Some((low, Point3::new(high.x, 54.0, high.z))),
         ..band_case()
     }
 }
@@ -427,7 +424,7 @@ fn tissue_that_no_bite_reaches_is_refused_with_its_volume_and_place() {
             ..
         }) => {
             assert!(residual_mm3 > allowed_mm3 && allowed_mm3 > 10.0);
-            assert!((at - Point3::new(54.0, 60.0, 45.0)).norm() < 12.0, "{at}");
+            assert!(at.y > 54.0 && (42.0..58.0).contains(&at.z), "{at}");
         }
         other => panic!("{other:?}"),
     }

@@ -153,6 +153,14 @@ fn tear_options(case: &Request) -> proto::PlanResectionOptions {
     }
 }
 
+/// The options of the paper's own planner.
+fn papers_options(case: &Request) -> proto::PlanResectionOptions {
+    proto::PlanResectionOptions {
+        planner: proto::Planner::Paper.into(),
+        ..options(case)
+    }
+}
+
 fn packed(points: &[Point3]) -> Vec<u8> {
     let values = points
         .iter()
@@ -204,7 +212,12 @@ fn violated_fields(status: &Status) -> Vec<String> {
 async fn a_plan_streams_its_progress_and_ends_in_one_plan_that_scores_the_same() {
     let mut context = Context::start().await;
     let case = papers_case();
-    let mut events = context.plan(messages(options(&case), &case)).await.unwrap();
+    let mut asked = tear_options(&case);
+    asked.arthroscope = Some(proto::ArthroscopeViewOptions {
+        portal: point(Point3::new(62.0, 48.0, 94.5)),
+        ..Default::default()
+    });
+    let mut events = context.plan(messages(asked, &case)).await.unwrap();
     let Some(Event::Plan(plan)) = events.pop() else {
         panic!("the last event is no plan");
     };
@@ -214,9 +227,13 @@ async fn a_plan_streams_its_progress_and_ends_in_one_plan_that_scores_the_same()
             .iter()
             .all(|event| matches!(event, Event::Progress(_)))
     );
-    let evaluation = plan.evaluation.unwrap();
+    let evaluation = plan.evaluation.clone().unwrap();
     assert!(evaluation.lesion_covered_percent >= 98.0);
     assert_eq!(evaluation.bites as usize, plan.bites.len());
+    assert_eq!(plan.views.len(), plan.bites.len());
+    assert_eq!(evaluation.accounts.len(), plan.bites.len());
+    assert!(plan.complete && evaluation.order_feasible && plan.bound <= evaluation.bites);
+    assert!(plan.planner() == proto::Planner::Bites);
 
     let mut messages = vec![EvaluatePayload::Options(proto::EvaluateResectionOptions {
         model: Some(mesh_header(&case)),
@@ -376,7 +393,7 @@ async fn what_cannot_be_planned_is_refused_with_reason_and_numbers() {
     assert_eq!(refusal.code(), Code::FailedPrecondition);
     assert_eq!(status::reason(&refusal).as_deref(), Some("RIM_BELOW_LIMIT"));
 
-    let mut strict = options(&case);
+    let mut strict = papers_options(&case);
     (strict.curvature_cost_limit, strict.max_iterations) = (0.01, 2_000);
     let refusal = context.refusal(messages(strict, &case)).await;
     assert_eq!(status::reason(&refusal).as_deref(), Some("NO_PATH"));
@@ -386,7 +403,7 @@ async fn what_cannot_be_planned_is_refused_with_reason_and_numbers() {
 async fn a_client_that_goes_frees_the_computation() {
     let mut context = Context::start().await;
     let case = papers_case();
-    let mut endless = options(&case);
+    let mut endless = papers_options(&case);
     // Many iterations that find no path: minutes of work unless it is stopped.
     (endless.curvature_cost_limit, endless.max_iterations) = (0.01, 1_000_000);
     let stream =
@@ -402,7 +419,10 @@ async fn a_client_that_goes_frees_the_computation() {
     answer.message().await.unwrap();
     drop(answer);
     // The server computes one plan at a time: this one must get its turn.
-    let events = context.plan(messages(options(&case), &case)).await.unwrap();
+    let events = context
+        .plan(messages(tear_options(&case), &case))
+        .await
+        .unwrap();
     assert!(matches!(events.last(), Some(Event::Plan(_))));
 }
 

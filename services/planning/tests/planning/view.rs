@@ -68,10 +68,7 @@ impl World {
         let scene = Scene {
             portal: self.portal,
             bites: &self.bites,
-            jaw: Jaw {
-                width_mm: 3.0,
-                length_mm: 4.5,
-            },
+            jaw: Jaw::new(3.0, 4.5),
             forceps_radius_mm: 1.75,
             tissue: &self.tissue,
             bone_mm: &|shaft| {
