@@ -26,6 +26,8 @@ const VOLUME_MISMATCH: f64 = 0.3;
 const PORTAL_CLEARANCE_MM: f64 = 5.0;
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
+/// How far outboard of the lesion the contour passes, mm: bites that land off by as much clear it still.
+const LESION_MARGIN_MM: f64 = 0.65;
 /// Path between two control points of the curve that smooths it, mm.
 const SMOOTHING_MM: f64 = 2.5;
 /// Distance between the points of a contour handed out, mm.
@@ -125,7 +127,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
     let rules = Rules {
         tolerance_mm,
         rim_min_mm: request.rim_min_mm,
-        lesion_margin_mm: 0.65,
+        lesion_margin_mm: LESION_MARGIN_MM,
         ..Rules::default()
     };
     let target = Target::draw(&aim, &rules, lesion.as_ref(), &crescent, &voxels)?;

@@ -11,7 +11,10 @@ use crate::world::{lesion, papers_case, plan, worst_displaced_percent};
 
 const DEPTH_FRACTION: f64 = 0.42;
 const WIDTH_MM: f64 = 1.5;
-const ENDS_DEG: f64 = 28.0;
+/// The contour needs 6 mm of the free edge to each side of a tear.
+const ENDS_DEG: f64 = 45.0;
+/// What the tear leaves of the narrowest meniscus, with the margin around it.
+const RIM_MIN_MM: f64 = 2.0;
 
 /// A mesh of the data and how it lies.
 pub struct Meniscus {
@@ -102,6 +105,7 @@ impl Meniscus {
             target_box: (low - around, high + around),
             portal,
             model,
+            rim_min_mm: RIM_MIN_MM,
             ..papers_case()
         })
     }
