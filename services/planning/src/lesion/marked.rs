@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::voxels::Voxels;
 
 /// Most points of a mark.
-const MAX_POINTS: usize = 10_000;
+const MAX_POINTS: usize = 2000;
 /// Radius of a point, mm.
 const RADIUS_MM: RangeInclusive<f64> = 0.1..=10.0;
 /// Fewest points of a closed curve.
@@ -76,9 +76,14 @@ impl Lesion {
         let places = places(points_in_ct, MIN_CURVE_POINTS, crescent)?;
         check_crossing(&places)?;
         let outline = rounded(&places);
-        let marks = voxels.centers().iter();
-        let marks = marks.map(|center| is_inside(&center.xy().coords, &outline));
-        Self::of_marks(marks.collect(), voxels)
+        let mut marks = Vec::with_capacity(voxels.centers().len());
+        // The voxels of a column, one after the other, share their place.
+        let columns = voxels.centers().chunk_by(|a, b| a.xy() == b.xy());
+        for column in columns {
+            let inside = is_inside(&column[0].xy().coords, &outline);
+            marks.extend(column.iter().map(|_| inside));
+        }
+        Self::of_marks(marks, voxels)
     }
 
     fn of_marks(marks: Vec<bool>, voxels: &Voxels) -> Result<Self, Error> {

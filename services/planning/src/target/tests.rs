@@ -382,3 +382,17 @@ fn a_curve_inboard_of_the_lesion_is_refused() {
         "{refusal}"
     );
 }
+
+#[test]
+fn a_contour_beyond_the_rim_is_refused_without_offering_a_limit() {
+    let horn = RadialTear {
+        phi_rad: -1.75,
+        ..RadialTear::BODY
+    };
+    let world = World::phantom_torn(&horn, 0.5);
+    let refusal = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap_err();
+    assert!(matches!(refusal, Error::RimBelowLimit { rim_mm, .. } if rim_mm < 0.0));
+    let said = refusal.to_string();
+    assert!(!said.contains("rim limit of at most"), "{said}");
+    assert!(said.contains("nearer to the free edge"), "{said}");
+}
