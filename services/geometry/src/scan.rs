@@ -6,10 +6,12 @@
 
 use crate::{Point3, Vector3};
 
+mod label_points;
 mod labels;
 mod lattice;
 mod voxels;
 
+pub use label_points::{MAX_LABEL_POINTS, NoPoints, label_points};
 pub use labels::{Label, MAX_LABELS, NoLabels, labels};
 pub use lattice::{Lattice, MAX_COORDINATE_MM, MIN_SOLIDITY, STEPS_MM};
 pub use voxels::{ByteOrder, Value, Visit, VoxelType, Voxels};

@@ -12,7 +12,9 @@ const DEGREE: usize = 3;
 /// Fewest control points of a cubic.
 pub const MIN_CONTROL_POINTS: usize = DEGREE + 1;
 /// Pieces of a knot span between which the arc length is tabulated.
-const PIECES: usize = 4;
+const PIECES: usize = 8;
+/// Steps to a foot point; halving alone would take so many.
+const MAX_STEPS: usize = 50;
 
 /// A clamped cubic B-spline, mm, with a parameter that runs from 0 to 1.
 #[derive(Clone, Debug)]
@@ -200,6 +202,58 @@ impl Spline {
         parameters.iter().map(|&at| self.point(at)).collect()
     }
 
+    /// The parameter of the point of the curve that is nearest to `point`.
+    pub fn nearest(&self, point: &Point3) -> f64 {
+        let squared = |at: f64| (self.point(at) - point).norm_squared();
+        // A piece this short hardly has two foot points.
+        let ends: Vec<(f64, f64)> = self
+            .lengths
+            .iter()
+            .map(|&(_, at)| (at, squared(at)))
+            .collect();
+        let closest = ends.iter().map(|end| end.1).fold(f64::INFINITY, f64::min);
+        let longest_mm = self.lengths.windows(2).map(|pair| pair[1].0 - pair[0].0);
+        let slack_mm = longest_mm.fold(0.0, f64::max);
+        // The curve leaves the ends of a piece by less than the piece's length.
+        let limit = (closest.sqrt() + slack_mm).powi(2);
+        let pieces = ends
+            .windows(2)
+            .filter(|pair| pair[0].1.min(pair[1].1) <= limit);
+        let feet = pieces.map(|pair| {
+            let at = self.foot(point, pair[0].0, pair[1].0);
+            (at, squared(at))
+        });
+        let nearest = feet
+            .chain(ends.iter().copied())
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.map_or(0.0, |(at, _)| at)
+    }
+
+    /// The foot point between two parameters: Newton's method on the derivative of the squared distance,
+    /// halving the interval where a step would leave it.
+    fn foot(&self, point: &Point3, from: f64, to: f64) -> f64 {
+        let (mut low, mut high) = (from, to);
+        let mut at = 0.5 * (low + high);
+        for _ in 0..MAX_STEPS {
+            let offset = self.point(at) - point;
+            let (first, second) = self.derivatives(at);
+            let slope = offset.dot(&first);
+            if slope > 0.0 {
+                high = at;
+            } else {
+                low = at;
+            }
+            let next = at - slope / (first.norm_squared() + offset.dot(&second));
+            let inside = low < next && next < high;
+            let next = if inside { next } else { 0.5 * (low + high) };
+            if (next - at).abs() < 1e-12 {
+                return next;
+            }
+            at = next;
+        }
+        at
+    }
+
     /// Root mean square distance of `points` to the curve, mm; they lie along it in order.
     pub fn rms_mm(&self, points: &[Point3]) -> f64 {
         let mut distinct = points.to_vec();
@@ -328,88 +382,4 @@ fn basis(knots: &[f64], span: usize, parameter: f64) -> [f64; DEGREE + 1] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn arc(radius_mm: f64, points: usize, turn_rad: f64) -> Vec<Point3> {
-        (0..points)
-            .map(|step| {
-                let angle = turn_rad * step as f64 / (points - 1) as f64;
-                Point3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), 3.0)
-            })
-            .collect()
-    }
-
-    #[test]
-    fn an_arc_keeps_its_radius_and_length() {
-        let points = arc(13.0, 200, 2.5);
-        let spline = Spline::fit(&points, 14).unwrap();
-        assert!((spline.length_mm() - 32.5).abs() < 1e-3);
-        assert!(spline.rms_mm(&points) < 1e-3);
-        for at in spline.parameters_every(1.0) {
-            assert!((spline.curvature_per_mm(at) - 1.0 / 13.0).abs() < 2e-3);
-            assert!((spline.point(at) - Point3::new(0.0, 0.0, 3.0)).norm() - 13.0 < 1e-3);
-        }
-    }
-
-    #[test]
-    fn samples_are_equally_far_apart_along_the_curve() {
-        let spline = Spline::fit(&arc(13.0, 14, 2.5), 8).unwrap();
-        let samples = spline.points_every(1.0);
-        assert_eq!(samples.len(), 33 + 1);
-        let chords: Vec<f64> = samples.windows(2).map(|p| (p[1] - p[0]).norm()).collect();
-        let mean = chords.iter().sum::<f64>() / chords.len() as f64;
-        assert!(chords.iter().all(|chord| (chord - mean).abs() < 2e-3));
-    }
-
-    #[test]
-    fn as_many_control_points_as_points_interpolate() {
-        let points = arc(8.0, 9, 3.0);
-        let spline = Spline::fit(&points, 9).unwrap();
-        assert!(spline.rms_mm(&points) < 1e-9);
-    }
-
-    #[test]
-    fn what_is_no_cubic_is_refused() {
-        let points = arc(8.0, 5, 1.0);
-        assert_eq!(
-            Spline::fit(&[points[0]; 9], 4).unwrap_err(),
-            Error::TooFewPoints { distinct: 1 }
-        );
-        assert!(matches!(
-            Spline::fit(&points, 6),
-            Err(Error::ControlPoints { .. })
-        ));
-        assert!(matches!(
-            Spline::fit(&points, 3),
-            Err(Error::ControlPoints { .. })
-        ));
-    }
-
-    proptest! {
-        #[test]
-        fn derivatives_agree_with_differences_of_points(
-            values in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64, -9.0..9.0f64), 12),
-            at in 0.05..0.95f64,
-        ) {
-            let points: Vec<_> = values.iter().map(|&(x, y, z)| Point3::new(x, y, z)).collect();
-            let spline = Spline::fit(&points, 7).unwrap();
-            let step = 1e-5;
-            let (before, after) = (spline.point(at - step), spline.point(at + step));
-            let (first, _) = spline.derivatives(at);
-            let numeric = (after - before) / (2.0 * step);
-            prop_assert!((numeric - first).norm() < 1e-4 * (1.0 + first.norm()));
-        }
-
-        #[test]
-        fn the_ends_are_met_exactly(
-            values in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64, -9.0..9.0f64), 5..40),
-        ) {
-            let points: Vec<_> = values.iter().map(|&(x, y, z)| Point3::new(x, y, z)).collect();
-            let spline = Spline::fit(&points, 5).unwrap();
-            prop_assert!((spline.point(0.0) - points[0]).norm() < 1e-9);
-            prop_assert!((spline.point(1.0) - points[points.len() - 1]).norm() < 1e-9);
-        }
-    }
-}
+mod tests;

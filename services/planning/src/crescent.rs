@@ -104,6 +104,13 @@ impl Crescent {
         }
     }
 
+    /// The first and the last angle with tissue, from horn to horn.
+    pub fn span_rad(&self) -> (f64, f64) {
+        let mut rays = self.rays();
+        let first = rays.next().unwrap_or_default();
+        (first, rays.last().unwrap_or(first))
+    }
+
     /// The angles of all rays that meet tissue, ascending.
     pub fn rays(&self) -> impl Iterator<Item = f64> + '_ {
         let start = (self.opening_rad / RAY_RAD).ceil() as usize;

@@ -49,9 +49,8 @@ pub enum Error {
     },
     /// The contour comes closer to the rim than allowed.
     #[error(
-        "the contour leaves a rim of {rim_mm:.2} mm < {limit_mm} mm at {:.0} deg, ({:.1}, {:.1}, {:.1}) mm; \
-         possible with a rim limit of at most {rim_mm:.2} mm or with the contour {:.2} mm nearer to the free edge there",
-        angle_rad.to_degrees(), at.x, at.y, at.z, limit_mm - rim_mm
+        "the contour leaves a rim of {rim_mm:.2} mm < {limit_mm} mm at {:.0} deg, ({:.1}, {:.1}, {:.1}) mm; possible with {}",
+        angle_rad.to_degrees(), at.x, at.y, at.z, rim_remedy(*rim_mm, *limit_mm)
     )]
     RimBelowLimit {
         /// Rim left, mm.
@@ -161,6 +160,19 @@ impl Error {
             Self::Invalid { problem, .. } => Self::Bite { index, problem },
             other => other,
         }
+    }
+}
+
+/// What would let a contour keep the rim.
+fn rim_remedy(rim_mm: f64, limit_mm: f64) -> String {
+    let nearer = format!(
+        "the contour {:.2} mm nearer to the free edge there",
+        limit_mm - rim_mm
+    );
+    if rim_mm > 0.0 {
+        format!("a rim limit of at most {rim_mm:.2} mm or {nearer}")
+    } else {
+        nearer
     }
 }
 

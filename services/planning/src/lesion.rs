@@ -1,4 +1,10 @@
 //! The damaged tissue: points on a grid, each of which stands for the same volume.
+//!
+//! It comes from such points, from points or a closed curve that somebody set on the meniscus
+//! ([`mod@marked`]), or from a label of a segmentation ([`mod@label`]).
+
+pub mod label;
+pub mod marked;
 
 use arthro_geometry::Point3;
 
@@ -34,27 +40,8 @@ impl Lesion {
         voxels: &Voxels,
         tolerance_mm: f64,
     ) -> Result<Self, Error> {
-        let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
+        let points = on_tissue(points_in_ct, crescent, voxels, tolerance_mm)?;
         let beside_mm = 0.5 * voxels.voxel_mm();
-        let (mut points, mut farthest_mm, mut outside) = (Vec::new(), 0f64, 0usize);
-        for point in points_in_ct {
-            let point = meniscal_from_ct * *point;
-            match voxels.distance_mm(&point, tolerance_mm) {
-                Some(distance_mm) if distance_mm <= beside_mm => points.push(point),
-                distance_mm => {
-                    outside += 1;
-                    farthest_mm = farthest_mm.max(distance_mm.unwrap_or(tolerance_mm));
-                }
-            }
-        }
-        let outside_percent = 100.0 * outside as f64 / points_in_ct.len().max(1) as f64;
-        if outside_percent > MAX_OUTSIDE_PERCENT {
-            return Err(Error::LesionOutsideModel {
-                outside_percent,
-                farthest_mm,
-                limit_percent: MAX_OUTSIDE_PERCENT,
-            });
-        }
         let radius_mm = (POINT_RADIUS * spacing_mm).max(beside_mm);
         let mut marks = vec![false; voxels.centers().len()];
         for point in &points {
@@ -91,8 +78,56 @@ impl Lesion {
         }
     }
 
+    /// The points in ct, mm, for a request that takes a lesion as such; they are apart by
+    /// [`Lesion::spacing_mm`].
+    pub fn points_in_ct(&self, crescent: &Crescent) -> Vec<Point3> {
+        let points = self.points.iter();
+        points
+            .map(|point| crescent.ct_from_meniscal * *point)
+            .collect()
+    }
+
+    /// Distance between the points of the grid, mm.
+    pub fn spacing_mm(&self) -> f64 {
+        self.point_mm3.cbrt()
+    }
+
     /// Volume, mm3.
     pub fn volume_mm3(&self) -> f64 {
         self.points.len() as f64 * self.point_mm3
     }
 }
+
+/// The points that lie on the tissue, in the axes of the crescent. Too many beside it are an error.
+fn on_tissue(
+    points_in_ct: &[Point3],
+    crescent: &Crescent,
+    voxels: &Voxels,
+    tolerance_mm: f64,
+) -> Result<Vec<Point3>, Error> {
+    let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
+    let beside_mm = 0.5 * voxels.voxel_mm();
+    let (mut points, mut farthest_mm, mut outside) = (Vec::new(), 0f64, 0usize);
+    for point in points_in_ct {
+        let point = meniscal_from_ct * *point;
+        match voxels.distance_mm(&point, tolerance_mm) {
+            Some(distance_mm) if distance_mm <= beside_mm => points.push(point),
+            distance_mm => {
+                outside += 1;
+                farthest_mm = farthest_mm.max(distance_mm.unwrap_or(tolerance_mm));
+            }
+        }
+    }
+    let outside_percent = 100.0 * outside as f64 / points_in_ct.len().max(1) as f64;
+    if outside_percent > MAX_OUTSIDE_PERCENT {
+        return Err(Error::LesionOutsideModel {
+            outside_percent,
+            farthest_mm,
+            limit_percent: MAX_OUTSIDE_PERCENT,
+        });
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests;

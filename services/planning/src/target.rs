@@ -9,6 +9,7 @@
 mod bump;
 mod drawn;
 mod heights;
+mod lines;
 mod station;
 
 use arthro_geometry::frame::Frame;
@@ -24,6 +25,8 @@ use crate::voxels::Voxels;
 
 use bump::Bump;
 use station::Station;
+
+pub use lines::Line;
 
 /// Contour between two control points, mm.
 const CONTROL_SPACING_MM: f64 = 1.0;
@@ -269,10 +272,7 @@ fn between(
 /// From the free edge around the lesion to the free edge, or out through the end of a horn that is
 /// nearer than the contour reaches.
 fn around(lesion: &Lesion, rules: &Rules, place: Place<'_>) -> Result<Target, Error> {
-    let rays: Vec<f64> = place.crescent.rays().collect();
-    let (Some(&first_rad), Some(&last_rad)) = (rays.first(), rays.last()) else {
-        return Err(no_lesion());
-    };
+    let (first_rad, last_rad) = place.crescent.span_rad();
     let mut stations = Station::between(first_rad, last_rad, place.crescent).map_err(gap)?;
     let margin_mm = rules.lesion_margin_mm;
     station::demand(&mut stations, lesion, margin_mm, place.crescent);

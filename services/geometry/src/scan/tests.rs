@@ -81,6 +81,28 @@ fn labels_are_counted_and_placed() {
 }
 
 #[test]
+fn the_voxels_of_a_label_are_where_the_lattice_has_them() {
+    let lattice = lattice([3, 2, 2]);
+    let mut values = vec![0u8; 12];
+    values[4] = 3;
+    values[9] = 3;
+    values[10] = 4;
+    let scan = Scan::new(lattice.clone(), Voxels::U8(values)).unwrap();
+    let expected = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]].map(|i| lattice.point(Vector3::from(i)));
+    assert_eq!(label_points(&scan, 3).unwrap(), expected);
+    for absent in [5, -3, 300] {
+        assert_eq!(label_points(&scan, absent), Err(NoPoints::Absent(absent)));
+    }
+}
+
+#[test]
+fn a_label_of_too_many_voxels_is_not_listed() {
+    let lattice = Lattice::new([1000, 501, 1], Point3::origin(), Matrix3::identity()).unwrap();
+    let scan = Scan::new(lattice, Voxels::U8(vec![1; 501_000])).unwrap();
+    assert_eq!(label_points(&scan, 1), Err(NoPoints::TooMany(1)));
+}
+
+#[test]
 fn an_image_is_no_label_map() {
     let lattice = Lattice::new([50, 50, 2], Point3::origin(), Matrix3::identity()).unwrap();
     let scan = |voxels| Scan::new(lattice.clone(), voxels).unwrap();

@@ -238,3 +238,161 @@ fn start_and_goal_at_the_same_place_are_refused() {
     let refusal = world.draw(&world.ends(phantom::START, phantom::START), None);
     assert!(matches!(refusal, Err(Error::Invalid { .. })));
 }
+
+#[test]
+fn inner_edge_and_midline_run_from_horn_to_horn_through_the_tissue() {
+    let world = World::torn_phantom();
+    let shape = phantom::Phantom::default();
+    for (line, width_fraction) in [(Line::InnerEdge, 0.0), (Line::Midline, 0.5)] {
+        let spline = line.of(&world.crescent, &world.voxels).unwrap();
+        let mut furthest_rad = 0f64;
+        for point in spline.points_every(0.5) {
+            let at = shape.coordinates(&(world.crescent.ct_from_meniscal * point));
+            furthest_rad = furthest_rad.max(at.phi_rad.abs());
+            if at.phi_rad.abs() < 1.55 {
+                let off = (at.width_fraction - width_fraction).abs();
+                assert!(off < 0.05, "{line:?} {at:?}");
+                assert!((at.height_fraction - 0.5).abs() < 0.25, "{line:?} {at:?}");
+            }
+        }
+        assert!(furthest_rad > 0.9 * shape.horn_rad, "{furthest_rad}");
+    }
+}
+
+/// A curve half a width deep that somebody clicked, from one angle to another in degrees.
+fn clicked(world: &World, from_deg: i32, to_deg: i32) -> Vec<Point3> {
+    let steps = (from_deg - to_deg).abs() / 10;
+    (0..=steps)
+        .map(|step| {
+            let angle_rad = f64::from(from_deg + (to_deg - from_deg) * step / steps).to_radians();
+            let edge_mm = world.crescent.edge_mm(angle_rad).unwrap();
+            let radius_mm = 0.5 * (edge_mm + world.crescent.rim_mm(angle_rad).unwrap());
+            let (sin, cos) = angle_rad.sin_cos();
+            Point3::new(radius_mm * cos, radius_mm * sin, 4.0)
+        })
+        .collect()
+}
+
+fn outwards(point: &Point3, by_mm: f64) -> Point3 {
+    point + by_mm * point.xy().coords.normalize().push(0.0)
+}
+
+fn curve(points: &[Point3]) -> Aim {
+    Aim::Curve {
+        points: points.to_vec(),
+    }
+}
+
+fn curve_refusal(world: &World, points: &[Point3]) -> String {
+    world.draw(&curve(points), None).unwrap_err().to_string()
+}
+
+#[test]
+fn a_drawn_curve_is_followed_in_the_middle_of_the_tissue_from_either_end() {
+    let world = World::torn_phantom();
+    let points = clicked(&world, -40, 50);
+    let backwards: Vec<Point3> = points.iter().rev().copied().collect();
+    let target = world.draw(&curve(&points), None).unwrap();
+    let other = world.draw(&curve(&backwards), None).unwrap();
+    for point in &points {
+        let foot = target.spline.point(target.spline.nearest(point));
+        assert!((foot.xy() - point.xy()).norm() < 0.1, "{point}");
+        assert!(world.voxels.distance_mm(&foot, 1.0) == Some(0.0), "{foot}");
+    }
+    let (region_mm3, other_mm3) = (world.region_mm3(&target), world.region_mm3(&other));
+    assert!(
+        (region_mm3 - other_mm3).abs() < 1.0,
+        "{region_mm3} {other_mm3} mm3"
+    );
+}
+
+#[test]
+fn a_curve_that_leaves_the_tissue_is_refused_with_the_point() {
+    let world = World::torn_phantom();
+    let mut points = clicked(&world, -40, 50);
+    points[4] = Point3::new(1.0, 0.0, 0.0);
+    let refusal = curve_refusal(&world, &points);
+    assert!(
+        refusal.contains("[4]") && refusal.contains("1 mm"),
+        "{refusal}"
+    );
+    points[4].x = f64::NAN;
+    let refusal = curve_refusal(&world, &points);
+    assert!(
+        refusal.contains("[4]") && refusal.contains("finite"),
+        "{refusal}"
+    );
+    // All four lie on tissue, but the curve through them cuts across the hollow.
+    let ends = clicked(&world, -80, 80);
+    let across = [
+        outwards(&ends[0], 3.0),
+        ends[1],
+        ends[15],
+        outwards(&ends[16], 3.0),
+    ];
+    let refusal = curve_refusal(&world, &across);
+    assert!(refusal.contains("leaves the tissue near"), "{refusal}");
+}
+
+#[test]
+fn a_curve_that_crosses_itself_or_turns_back_is_refused_with_the_points() {
+    let world = World::torn_phantom();
+    let mut points = clicked(&world, -40, 50);
+    points[4] = outwards(&points[2], 2.0);
+    let refusal = curve_refusal(&world, &points);
+    assert!(
+        refusal.contains("[4] goes back along the crescent by"),
+        "{refusal}"
+    );
+    let mut knot = clicked(&world, -40, 50);
+    let (out, back) = (outwards(&knot[6], 2.0), outwards(&knot[5], 2.0));
+    knot.splice(7..7, [out, back, outwards(&knot[5], -1.0)]);
+    let refusal = curve_refusal(&world, &knot);
+    assert!(refusal.contains("crosses itself"), "{refusal}");
+}
+
+#[test]
+fn a_curve_of_fewer_than_four_places_is_refused_with_their_number() {
+    let world = World::torn_phantom();
+    let points = clicked(&world, -10, 10);
+    let doubled: Vec<Point3> = points.iter().flat_map(|point| [*point; 2]).collect();
+    let refusal = curve_refusal(&world, &doubled);
+    assert!(
+        refusal.contains("has 3 distinct points; must be at least 4"),
+        "{refusal}"
+    );
+}
+
+#[test]
+fn a_curve_inboard_of_the_lesion_is_refused() {
+    let world = World::torn_phantom();
+    let mut points = clicked(&world, -40, 50);
+    for point in &mut points {
+        let edge_mm = world
+            .crescent
+            .edge_mm(world.crescent.angle_rad(point))
+            .unwrap();
+        *point *= (edge_mm + 1.5) / point.xy().coords.norm();
+    }
+    let refusal = world
+        .draw(&curve(&points), Some(&world.lesion))
+        .unwrap_err();
+    assert!(
+        matches!(refusal, Error::LesionBeyondPath { .. }),
+        "{refusal}"
+    );
+}
+
+#[test]
+fn a_contour_beyond_the_rim_is_refused_without_offering_a_limit() {
+    let horn = RadialTear {
+        phi_rad: -1.75,
+        ..RadialTear::BODY
+    };
+    let world = World::phantom_torn(&horn, 0.5);
+    let refusal = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap_err();
+    assert!(matches!(refusal, Error::RimBelowLimit { rim_mm, .. } if rim_mm < 0.0));
+    let said = refusal.to_string();
+    assert!(!said.contains("rim limit of at most"), "{said}");
+    assert!(said.contains("nearer to the free edge"), "{said}");
+}

@@ -1,11 +1,12 @@
 //! Targets that are found without start and goal: around a tear, on the phantom and on real menisci.
 
+use arthro_geometry::markups::{self, Kind, Markup};
 use arthro_geometry::{Point3, Vector3};
 use arthro_planning::Error;
 use arthro_planning::crescent::Crescent;
 use arthro_planning::lesion::Lesion;
 use arthro_planning::plan::{self, Request};
-use arthro_planning::target::{Aim, Rules, Target};
+use arthro_planning::target::{Aim, Line, Rules, Target};
 use arthro_planning::voxels::Voxels;
 use nalgebra::Isometry3;
 use proptest::prelude::*;
@@ -96,6 +97,52 @@ fn every_meniscus_has_a_target_around_the_tear_in_its_body() {
                 meniscus.file
             );
         }
+    }
+}
+
+#[test]
+fn a_curve_drawn_in_slicer_is_the_target_in_whichever_axes_it_was_saved() {
+    let request = papers_case();
+    let (crescent, voxels) =
+        plan::model(&request.model, &request.portal, request.voxel_mm, 1.0).unwrap();
+    let midline = Line::Midline
+        .of(&crescent, &voxels)
+        .unwrap()
+        .points_every(2.0);
+    let points: Vec<Point3> = midline[6..midline.len() - 6]
+        .iter()
+        .map(|point| crescent.ct_from_meniscal * *point)
+        .collect();
+    let turned = points
+        .iter()
+        .map(|point| Point3::new(-point.x, -point.y, point.z));
+    let file = |points: Vec<Point3>| {
+        let markup = Markup {
+            name: "new edge".into(),
+            kind: Kind::Curve,
+            points,
+            skipped: 0,
+        };
+        String::from_utf8(markups::write(&[markup])).unwrap()
+    };
+    let ras = file(turned.collect()).replace(r#""LPS""#, r#""RAS""#);
+    let drawn = [file(points), ras].map(|file| {
+        let curve = markups::read_one(file.as_bytes(), Some("new edge")).unwrap();
+        let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
+        let aim = Aim::Curve {
+            points: curve
+                .points
+                .iter()
+                .map(|point| meniscal_from_ct * *point)
+                .collect(),
+        };
+        Target::draw(&aim, &Rules::default(), None, &crescent, &voxels).unwrap()
+    });
+    let [lps, ras] = drawn.map(|target| target.spline.points_every(1.0));
+    assert_eq!(lps, ras);
+    for point in &midline[8..midline.len() - 8] {
+        let away = lps.iter().map(|at| (at.xy() - point.xy()).norm());
+        assert!(away.fold(f64::INFINITY, f64::min) < 0.7, "{point}");
     }
 }
 
