@@ -17,6 +17,7 @@ pub mod evaluation;
 pub mod jaw;
 pub mod lesion;
 pub mod plan;
+pub mod reach;
 pub mod reference;
 pub mod rrt;
 pub mod server;

@@ -6,6 +6,7 @@
 mod answer;
 mod intake;
 mod options;
+mod reach;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -14,8 +15,9 @@ use std::time::Instant;
 use arthro_bootstrap::status;
 use arthro_proto::planning::v1::planning_service_server::PlanningService;
 use arthro_proto::planning::v1::{
-    EvaluateResectionRequest, EvaluateResectionResponse, FitContourRequest, FitContourResponse,
-    PlanResectionRequest, PlanResectionResponse, plan_resection_response,
+    CheckReachabilityRequest, CheckReachabilityResponse, EvaluateResectionRequest,
+    EvaluateResectionResponse, FitContourRequest, FitContourResponse, PlanResectionRequest,
+    PlanResectionResponse, plan_resection_response,
 };
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
@@ -107,6 +109,19 @@ impl PlanningService for Planning {
         Ok(Response::new(EvaluateResectionResponse {
             evaluation: Some(answer::evaluation(&evaluation)),
         }))
+    }
+
+    async fn check_reachability(
+        &self,
+        request: Request<Streaming<CheckReachabilityRequest>>,
+    ) -> Result<Response<CheckReachabilityResponse>, Status> {
+        let turn = self.turn().await?;
+        let wanted = reach::intake(request.into_inner()).await?;
+        let answer = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            reach::check(&wanted)
+        });
+        answer.await.map_err(crashed)?.map(Response::new)
     }
 }
 

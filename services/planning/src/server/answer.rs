@@ -66,7 +66,7 @@ fn bite(bite: &Bite) -> proto::Bite {
     }
 }
 
-fn point(point: &Point3) -> common::Point {
+pub(super) fn point(point: &Point3) -> common::Point {
     common::Point {
         x_mm: point.x,
         y_mm: point.y,

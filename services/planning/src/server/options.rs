@@ -16,13 +16,13 @@ use crate::rrt::Search;
 /// Most points of a contour.
 const MAX_CONTOUR_POINTS: usize = 10_000;
 /// Most bites that are scored.
-const MAX_BITES: usize = 1_000;
+pub(super) const MAX_BITES: usize = 1_000;
 /// Coordinates of a CT, mm.
 const COORDINATE_MM: RangeInclusive<f64> = -10_000.0..=10_000.0;
 const SPACING_MM: RangeInclusive<f64> = 0.05..=10.0;
 const LESION_SPACING_MM: RangeInclusive<f64> = 0.1..=2.0;
 const JAW_WIDTH_MM: RangeInclusive<f64> = 0.5..=10.0;
-const JAW_LENGTH_MM: RangeInclusive<f64> = 0.5..=20.0;
+pub(super) const JAW_LENGTH_MM: RangeInclusive<f64> = 0.5..=20.0;
 const VOXEL_MM: RangeInclusive<f64> = 0.2..=2.0;
 const TOLERANCE_MM: RangeInclusive<f64> = 0.1..=5.0;
 const STEP_MM: RangeInclusive<f64> = 0.2..=3.0;
@@ -133,16 +133,16 @@ pub(super) fn evaluation(
 
 /// Collects what is wrong, so that the caller hears of everything at once.
 #[derive(Default)]
-struct Check {
+pub(super) struct Check {
     violations: Vec<(String, String)>,
 }
 
 impl Check {
-    fn violation(&mut self, field: impl Into<String>, problem: impl Into<String>) {
+    pub(super) fn violation(&mut self, field: impl Into<String>, problem: impl Into<String>) {
         self.violations.push((field.into(), problem.into()));
     }
 
-    fn done<T>(self, value: T) -> Result<T, Status> {
+    pub(super) fn done<T>(self, value: T) -> Result<T, Status> {
         if self.violations.is_empty() {
             Ok(value)
         } else {
@@ -155,7 +155,13 @@ impl Check {
     }
 
     /// A number in a range; 0 stands for the default.
-    fn number(&mut self, field: &str, value: f64, default: f64, range: RangeInclusive<f64>) -> f64 {
+    pub(super) fn number(
+        &mut self,
+        field: &str,
+        value: f64,
+        default: f64,
+        range: RangeInclusive<f64>,
+    ) -> f64 {
         if value == 0.0 {
             return default;
         }
@@ -163,7 +169,7 @@ impl Check {
         value
     }
 
-    fn within(&mut self, field: &str, value: f64, range: RangeInclusive<f64>) {
+    pub(super) fn within(&mut self, field: &str, value: f64, range: RangeInclusive<f64>) {
         // NaN is in no range.
         if !range.contains(&value) {
             let problem = format!("is {value}; must be {} .. {}", range.start(), range.end());
@@ -205,7 +211,7 @@ impl Check {
         Point3::new(point.x_mm, point.y_mm, point.z_mm)
     }
 
-    fn points(&mut self, field: &str, points: &[common::Point]) -> Vec<Point3> {
+    pub(super) fn points(&mut self, field: &str, points: &[common::Point]) -> Vec<Point3> {
         let indexed = points.iter().enumerate();
         indexed
             .map(|(index, point)| self.point(&format!("{field}[{index}]"), Some(point)))

@@ -4,5 +4,6 @@
 mod menisci;
 mod phantom;
 mod properties;
+mod reach;
 mod server;
 mod world;
