@@ -13,6 +13,7 @@ mod joint;
 mod limits;
 mod obstruction;
 mod shaft;
+mod surface;
 
 use arthro_geometry::{Point3, Vector3};
 

@@ -1,6 +1,7 @@
 //! The distance to a bone's surface on a grid, made once so that looking it up costs eight reads.
 //!
-//! A sample is exact; between samples the distance is interpolated. Distance changes by at most 1 mm
+//! Farther than [`MARGIN_MM`] only that is stored: nobody asks for more, and the nearest of many
+//! triangles is the dearer to find the farther they all are. A sample is exact; between samples the distance is interpolated. Distance changes by at most 1 mm
 //! a mm, so the interpolated value is wrong by at most the root of 3/4 of the spacing: the mean of
 //! |p - corner| over the weights of the corners is at most the root of its mean square, which is
 //! greatest in the middle of a cell. On surfaces as smooth as a bone it is wrong by far less.
@@ -17,12 +18,13 @@ use crate::error::Error;
 pub const SPACING_MM: f64 = 1.0;
 /// Most that an interpolated value can be wrong, mm.
 pub const ERROR_MM: f64 = 0.867 * SPACING_MM;
-/// How far around the bone the grid reaches, mm.
+/// How far around the bone the grid reaches and the greatest distance that is stored, outside and
+/// inside, mm.
 pub const MARGIN_MM: f64 = 8.0;
 /// Most samples, 16 MB.
 pub const MAX_SAMPLES: usize = 4_000_000;
 
-/// Distance to a surface, mm, negative in what it encloses.
+/// Distance to a surface up to [`MARGIN_MM`], negative in what it encloses.
 #[derive(Clone, Debug)]
 pub struct DistanceField {
     grid: Grid,
@@ -60,19 +62,17 @@ impl DistanceField {
             Err(error) => return Err(error.into()),
         };
         let mut samples_mm = Vec::with_capacity(grid.len());
-        let mut before_mm = f64::INFINITY;
+        let mut before_mm = MARGIN_MM;
         for index in 0..grid.len() {
             let cell = grid.cell(index);
             let at = to_glam(&grid.center(cell));
             // The sample before this one bounds it, except where a row begins.
-            let bound_mm = if cell[0] == 0 {
-                f64::MAX
-            } else {
-                before_mm + 1.01 * SPACING_MM
+            let bound_mm = match cell[0] {
+                0 => MARGIN_MM,
+                _ => MARGIN_MM.min(before_mm + 1.01 * SPACING_MM),
             };
             let nearest = surface.project_local_point_with_max_dist(at, false, bound_mm);
-            let nearest = nearest.unwrap_or_else(|| surface.project_local_point(at, false));
-            before_mm = (nearest.point - at).length();
+            before_mm = nearest.map_or(MARGIN_MM, |nearest| (nearest.point - at).length());
             let is_inside = inside.as_ref().is_some_and(|solid| solid.is_inside(cell));
             samples_mm.push(if is_inside { -before_mm } else { before_mm } as f32);
         }
@@ -89,7 +89,7 @@ impl DistanceField {
         self.samples_mm.len()
     }
 
-    /// Distance of a point to the surface, mm, negative inside. Outside the grid it is the distance to
+    /// Distance of a point to the surface, mm, negative inside, at most [`MARGIN_MM`] either way. Outside the grid it is the distance to
     /// the box around the surface, at least [`MARGIN_MM`] and at most the truth. A point that is not a
     /// number is at distance 0.
     pub fn distance_mm(&self, point: &Point3) -> f64 {

@@ -56,7 +56,7 @@ pub enum Cause {
     PortalInBone {
         /// Which.
         bone: BoneName,
-        /// Below its surface, mm.
+        /// Below its surface, mm; of a mesh no more than [`super::MARGIN_MM`] is told.
         depth_mm: f64,
     },
     /// The shaft comes too near to the tibia.

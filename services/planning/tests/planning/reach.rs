@@ -355,7 +355,7 @@ fn unusable_bones_and_limits_are_refused_by_name() {
     assert!(matches!(
         refused,
         Error::Invalid {
-            field: "clearance_mm",
+            field: "options.limits.clearance_mm",
             ..
         }
     ));
@@ -385,7 +385,7 @@ fn field_errors_mm(mesh: &Mesh) -> Vec<f64> {
     let mut errors_mm: Vec<f64> = (0..2000)
         .map(|_| {
             let place = Point3::new(within(0), within(1), within(2));
-            (bone.point_mm(&place).abs() - surface.distance_mm(&place)).abs()
+            (bone.point_mm(&place).abs() - surface.distance_mm(&place).min(MARGIN_MM)).abs()
         })
         .collect();
     errors_mm.sort_by(f64::total_cmp);
@@ -461,11 +461,11 @@ prop_compose! {
 proptest! {
     #[test]
     fn the_field_of_a_ball_is_its_distance(offset in a_point(31.0)) {
-        let exact_mm = offset.norm() - knee::FEMUR.1;
+        let exact_mm = (offset.norm() - knee::FEMUR.1).clamp(-MARGIN_MM, MARGIN_MM);
         let field_mm = ball_bone().point_mm(&(Point3::new(0.0, 0.0, knee::FEMUR.0) + offset));
-        // In the middle of the ball all directions are nearest and interpolation rounds the tip off.
-        prop_assume!(offset.norm() > 3.0);
-        prop_assert!((field_mm - exact_mm).abs() < FACET_MM + 0.1, "{} {}", field_mm, exact_mm);
+// Where the samples around a place are cut off at the margin the value between them is too.
+        let tolerance_mm = if exact_mm.abs() < MARGIN_MM - 1.0 { 0.1 } else { ERROR_MM };
+        prop_assert!((field_mm - exact_mm).abs() < FACET_MM + tolerance_mm, "{} {}", field_mm, exact_mm);
     }
 
     #[test]
