@@ -8,7 +8,7 @@ use arthro_geometry::{Mesh, Point3};
 use parry3d_f64::bounding_volume::BoundingVolume as _;
 use parry3d_f64::math::Pose3;
 use parry3d_f64::query::{self, ClosestPoints, PointQueryWithLocation as _};
-use parry3d_f64::shape::{Shape as _, TriMesh};
+use parry3d_f64::shape::{Segment, Shape as _, TriMesh, Triangle};
 
 use super::bone::Near;
 use super::convert::{from_glam, to_glam, trimesh};
@@ -91,6 +91,9 @@ impl Surface {
             .intersect_aabb(&near)
             .find_map(|index| {
                 let triangle = self.triangles.triangle(index);
+                if is_off_plane(&piece, &triangle, reach_mm) {
+                    return None;
+                }
                 let closest = query::details::closest_points_support_map_support_map(
                     &Pose3::IDENTITY,
                     &piece,
@@ -159,4 +162,13 @@ impl Surface {
             triangle: Some(triangle),
         }
     }
+}
+
+/// Whether a segment keeps to one side of a triangle's plane, farther than `reach_mm` from it: cheap
+/// to tell, and true of most triangles of a bounding box.
+fn is_off_plane(piece: &Segment, triangle: &Triangle, reach_mm: f64) -> bool {
+    let normal = triangle.scaled_normal();
+    let limit = reach_mm * normal.length();
+    let heights = [piece.a, piece.b].map(|end| (end - triangle.a).dot(normal));
+    heights.iter().all(|height| *height > limit) || heights.iter().all(|height| *height < -limit)
 }
