@@ -117,11 +117,16 @@ impl PlanningService for Planning {
     ) -> Result<Response<CheckReachabilityResponse>, Status> {
         let turn = self.turn().await?;
         let wanted = reach::intake(request.into_inner()).await?;
+        // This future, and with it `waiting`, is dropped when the client goes.
+        let waiting = Arc::new(());
+        let heard = Arc::downgrade(&waiting);
         let answer = tokio::task::spawn_blocking(move || {
             let _turn = turn;
-            reach::check(&wanted)
+            reach::check(&wanted, || heard.strong_count() > 0)
         });
-        answer.await.map_err(crashed)?.map(Response::new)
+        let answer = answer.await;
+        drop(waiting);
+        answer.map_err(crashed)?.map(Response::new)
     }
 }
 

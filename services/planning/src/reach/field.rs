@@ -39,7 +39,8 @@ impl DistanceField {
     /// # Errors
     /// When the mesh cannot be used or more than [`MAX_SAMPLES`] would be needed.
     pub fn of(bone: &'static str, mesh: &Mesh, surface: &TriMesh) -> Result<Self, Error> {
-        let (low, high) = mesh.bounds().ok_or(volume::Error::Empty)?;
+        let unusable = |error: volume::Error| Error::invalid(bone, error.to_string());
+        let (low, high) = mesh.bounds().ok_or(unusable(volume::Error::Empty))?;
         let margin = Vector3::repeat(MARGIN_MM);
         let needed = ((high - low + margin * 2.0) / SPACING_MM).map(|cells| cells.ceil() + 2.0);
         let needed = needed.product();
@@ -54,12 +55,13 @@ impl DistanceField {
                 ),
             ));
         }
-        let grid = Grid::covering(&(low - margin), &(high + margin), SPACING_MM)?;
+        let grid = Grid::covering(&(low - margin), &(high + margin), SPACING_MM);
+        let grid = grid.map_err(unusable)?;
         let inside = match Solid::on(grid.clone(), mesh) {
             Ok(solid) => Some(solid),
             // An open surface is a wall: on both sides of it the distance is positive.
             Err(volume::Error::Open { .. }) => None,
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(unusable(error)),
         };
         let mut samples_mm = Vec::with_capacity(grid.len());
         let mut before_mm = MARGIN_MM;

@@ -4,7 +4,7 @@
 //! only short pieces remain which may touch; those are tested exactly against the triangles in their
 //! bounding box. A long diagonal shaft as a whole would have a bounding box full of triangles.
 
-use arthro_geometry::{Mesh, Point3};
+use arthro_geometry::{Mesh, Point3, volume};
 use parry3d_f64::bounding_volume::BoundingVolume as _;
 use parry3d_f64::math::Pose3;
 use parry3d_f64::query::{self, ClosestPoints, PointQueryWithLocation as _};
@@ -35,8 +35,9 @@ pub(super) struct Surface {
 impl Surface {
     /// Prepares a mesh. `name` names it in errors.
     pub(super) fn of(name: &'static str, mesh: &Mesh) -> Result<Self, Error> {
-        arthro_geometry::volume::check(mesh)?;
-        let (low, high) = mesh.bounds().ok_or(arthro_geometry::volume::Error::Empty)?;
+        let unusable = |error: volume::Error| Error::invalid(name, error.to_string());
+        volume::check(mesh).map_err(unusable)?;
+        let (low, high) = mesh.bounds().ok_or(unusable(volume::Error::Empty))?;
         let extent_mm = (high - low).max();
         if extent_mm < MIN_EXTENT_MM {
             return Err(Error::invalid(

@@ -80,7 +80,11 @@ pub(super) async fn intake(
     Ok(wanted)
 }
 
-pub(super) fn check(wanted: &Wanted) -> Result<proto::CheckReachabilityResponse, Status> {
+/// Answers as long as `is_awaited`.
+pub(super) fn check(
+    wanted: &Wanted,
+    is_awaited: impl Fn() -> bool,
+) -> Result<proto::CheckReachabilityResponse, Status> {
     let crescent = Crescent::of(&wanted.model, &wanted.portals[0])?;
     let model = crescent.localize(&wanted.model);
     let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
@@ -101,6 +105,9 @@ pub(super) fn check(wanted: &Wanted) -> Result<proto::CheckReachabilityResponse,
     let mut answers = Vec::with_capacity(bites.len() * portals.len());
     let mut reachable_bites = 0;
     for (bite_index, center) in bites.iter().enumerate() {
+        if !is_awaited() {
+            return Err(Error::Cancelled.into());
+        }
         let mut is_reachable = false;
         for (portal_index, portal) in portals.iter().enumerate() {
             let room = through(&reach, portal, center, &is_tissue);
