@@ -62,8 +62,8 @@ impl Surface {
         let mut way_mm = 0.0;
         loop {
             let distance_mm = self.field.distance_mm(&shaft.at(way_mm));
-            // Surely near enough, or inside.
-            if distance_mm + field::ERROR_MM < reach_mm {
+            // Surely near enough, or inside; of what is farther than the margin the field knows nothing.
+            if distance_mm + field::ERROR_MM < reach_mm.min(field::MARGIN_MM) {
                 return Some(way_mm);
             }
             // No place of the axis within this step is nearer to the surface than `reach_mm`.

@@ -572,3 +572,39 @@ async fn a_reachability_question_that_cannot_be_right_is_refused_by_field() {
         .unwrap_err();
     assert_eq!(violated_fields(&refusal), ["options.limits.clearance_mm"]);
 }
+
+#[tokio::test]
+async fn a_scanned_bone_in_the_way_is_named_with_its_triangle() {
+    use proto::reachability::Answer;
+    let mut context = Context::start().await;
+    let case = papers_case();
+    let mut bone = papers_case();
+    for vertex in &mut bone.model.vertices {
+        *vertex += arthro_geometry::phantom::SUPERIOR * 3.0;
+    }
+    let mut options = reach_options(&case, 8.0);
+    options.tibia = Some(mesh_header(&bone));
+    let mut messages = reach_messages(&case, options);
+    messages.extend(model_chunks(&bone).into_iter().map(ReachPayload::Tibia));
+    let answers = context.reach(messages).await.unwrap().answers;
+    let Some(Answer::Obstruction(obstruction)) = &answers[1].answer else {
+        panic!("{answers:?}");
+    };
+    assert_eq!(obstruction.reason, "SHAFT_HITS_TIBIA");
+    let triangle = obstruction.triangle.unwrap() as usize;
+    let at = obstruction.at.unwrap();
+    let at = Point3::new(at.x_mm, at.y_mm, at.z_mm);
+    let corner = bone.model.corners(triangle)[0];
+    assert!((corner - at).norm() < 3.0, "{corner} {at}");
+
+    let mut metres = papers_case();
+    for vertex in &mut metres.model.vertices {
+        *vertex /= 1000.0;
+    }
+    let mut options = reach_options(&case, 8.0);
+    options.femur = Some(mesh_header(&metres));
+    let mut messages = reach_messages(&case, options);
+    messages.extend(model_chunks(&metres).into_iter().map(ReachPayload::Femur));
+    let refusal = context.reach(messages).await.unwrap_err();
+    assert_eq!(violated_fields(&refusal), ["femur"]);
+}
