@@ -19,6 +19,7 @@ pub mod jaw;
 pub mod lesion;
 pub mod paper;
 pub mod plan;
+pub mod reach;
 pub mod server;
 pub mod target;
 pub mod tissue;

@@ -6,6 +6,7 @@
 mod answer;
 mod intake;
 mod options;
+mod reach;
 pub(crate) mod view;
 
 use std::sync::Arc;
@@ -15,8 +16,9 @@ use arthro_bootstrap::calls::Deadline;
 use arthro_bootstrap::status;
 use arthro_proto::planning::v1::planning_service_server::PlanningService;
 use arthro_proto::planning::v1::{
-    EvaluateResectionRequest, EvaluateResectionResponse, FitContourRequest, FitContourResponse,
-    PlanResectionRequest, PlanResectionResponse, plan_resection_response,
+    CheckReachabilityRequest, CheckReachabilityResponse, EvaluateResectionRequest,
+    EvaluateResectionResponse, FitContourRequest, FitContourResponse, PlanResectionRequest,
+    PlanResectionResponse, plan_resection_response,
 };
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
@@ -113,6 +115,24 @@ impl PlanningService for Planning {
         Ok(Response::new(EvaluateResectionResponse {
             evaluation: Some(answer::evaluation(&evaluation)),
         }))
+    }
+
+    async fn check_reachability(
+        &self,
+        request: Request<Streaming<CheckReachabilityRequest>>,
+    ) -> Result<Response<CheckReachabilityResponse>, Status> {
+        let turn = self.turn().await?;
+        let wanted = reach::intake(request.into_inner()).await?;
+        // This future, and with it `waiting`, is dropped when the client goes.
+        let waiting = Arc::new(());
+        let heard = Arc::downgrade(&waiting);
+        let answer = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            reach::check(&wanted, || heard.strong_count() > 0)
+        });
+        let answer = answer.await;
+        drop(waiting);
+        answer.map_err(crashed)?.map(Response::new)
     }
 }
 

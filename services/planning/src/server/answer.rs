@@ -116,7 +116,7 @@ fn count(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-fn point(point: &Point3) -> common::Point {
+pub(super) fn point(point: &Point3) -> common::Point {
     common::Point {
         x_mm: point.x,
         y_mm: point.y,

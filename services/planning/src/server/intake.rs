@@ -16,9 +16,9 @@ use crate::plan;
 /// Longest pause between two messages of a request.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Most vertices of a model.
-const MAX_VERTICES: u32 = 1_000_000;
+pub(super) const MAX_VERTICES: u32 = 1_000_000;
 /// Most triangles of a model.
-const MAX_TRIANGLES: u32 = 2_000_000;
+pub(super) const MAX_TRIANGLES: u32 = 2_000_000;
 /// Most points of a lesion.
 const MAX_LESION_POINTS: u32 = 1_000_000;
 /// Three numbers of four bytes.
@@ -69,7 +69,7 @@ pub(super) async fn evaluation(
 }
 
 /// The next message. A client that falls silent must not keep a computation's turn.
-async fn next<T>(stream: &mut Streaming<T>) -> Result<Option<T>, Status> {
+pub(super) async fn next<T>(stream: &mut Streaming<T>) -> Result<Option<T>, Status> {
     tokio::time::timeout(PATIENCE, stream.message())
         .await
         .map_err(|_| {
@@ -78,11 +78,11 @@ async fn next<T>(stream: &mut Streaming<T>) -> Result<Option<T>, Status> {
         })?
 }
 
-fn options_first() -> Status {
+pub(super) fn options_first() -> Status {
     status::invalid("options", "must be the first message of the stream")
 }
 
-fn options_once() -> Status {
+pub(super) fn options_once() -> Status {
     status::invalid("options", "may be sent once only")
 }
 
@@ -140,7 +140,7 @@ impl Parts {
     }
 }
 
-fn in_ct(field: &str, frame: i32) -> Result<(), Status> {
+pub(super) fn in_ct(field: &str, frame: i32) -> Result<(), Status> {
     if frame == common::Frame::Ct as i32 {
         return Ok(());
     }
@@ -155,14 +155,14 @@ fn in_ct(field: &str, frame: i32) -> Result<(), Status> {
 }
 
 /// Bytes of which it is known how many come.
-struct Packed {
+pub(super) struct Packed {
     field: &'static str,
     expected: usize,
     bytes: Vec<u8>,
 }
 
 impl Packed {
-    fn announced(
+    pub(super) fn announced(
         field: &'static str,
         (count_field, count): (&str, u32),
         limits: std::ops::RangeInclusive<u32>,
@@ -181,7 +181,7 @@ impl Packed {
         })
     }
 
-    fn push(&mut self, bytes: &[u8]) -> Result<(), Status> {
+    pub(super) fn push(&mut self, bytes: &[u8]) -> Result<(), Status> {
         let total = self.bytes.len() + bytes.len();
         if total > self.expected {
             return Err(self.mismatch(total));
@@ -198,7 +198,7 @@ impl Packed {
         )
     }
 
-    fn triples<T>(&self, read: fn([u8; 4]) -> T) -> Result<Vec<[T; 3]>, Status> {
+    pub(super) fn triples<T>(&self, read: fn([u8; 4]) -> T) -> Result<Vec<[T; 3]>, Status> {
         if self.bytes.len() != self.expected {
             return Err(status::invalid(
                 self.field,
@@ -220,7 +220,7 @@ impl Packed {
         Ok(triples.iter().map(triple).collect())
     }
 
-    fn points(&self) -> Result<Vec<Point3>, Status> {
+    pub(super) fn points(&self) -> Result<Vec<Point3>, Status> {
         let triples = self.triples(f32::from_le_bytes)?;
         let is_finite = |triple: &[f32; 3]| triple.iter().all(|value| value.is_finite());
         if let Some(index) = triples.iter().position(|triple| !is_finite(triple)) {

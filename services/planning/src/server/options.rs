@@ -13,14 +13,13 @@ use tonic::Status;
 use crate::contour::MIN_CONTROL_POINTS;
 use crate::plan::{EvaluationRequest, Limits};
 
-use check::Check;
-
+pub(super) use check::{Check, JAW_LENGTH_MM};
 pub(super) use plan::read as plan;
 
 /// Most points of a contour.
 const MAX_CONTOUR_POINTS: usize = 10_000;
 /// Most bites that are scored.
-const MAX_BITES: usize = 1_000;
+pub(super) const MAX_BITES: usize = 1_000;
 /// Most portals of the forceps.
 const MAX_PORTALS: usize = 8;
 const SPACING_MM: RangeInclusive<f64> = 0.05..=10.0;

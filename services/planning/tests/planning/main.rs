@@ -6,6 +6,7 @@ mod menisci;
 mod paper;
 mod phantom;
 mod properties;
+mod reach;
 mod server;
 mod target;
 mod view;

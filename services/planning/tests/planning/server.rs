@@ -11,6 +11,7 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::planning::v1 as proto;
 use arthro_proto::planning::v1::planning_service_client::PlanningServiceClient;
 use arthro_proto::planning::v1::planning_service_server::PlanningServiceServer;
+use proto::check_reachability_request::Payload as ReachPayload;
 use proto::evaluate_resection_request::Payload as EvaluatePayload;
 use proto::plan_resection_request::Payload;
 use proto::plan_resection_response::Event;
@@ -85,6 +86,21 @@ impl Context {
         let stream = tokio_stream::iter(messages.collect::<Vec<_>>());
         let answer = self.client.evaluate_resection(stream).await?;
         Ok(answer.into_inner().evaluation.unwrap())
+    }
+}
+
+impl Context {
+    async fn reach(
+        &mut self,
+        messages: Vec<ReachPayload>,
+    ) -> Result<proto::CheckReachabilityResponse, Status> {
+        let messages = messages
+            .into_iter()
+            .map(|payload| proto::CheckReachabilityRequest {
+                payload: Some(payload),
+            });
+        let stream = tokio_stream::iter(messages.collect::<Vec<_>>());
+        Ok(self.client.check_reachability(stream).await?.into_inner())
     }
 }
 
@@ -493,4 +509,138 @@ async fn a_contour_is_fitted_and_sampled_at_equal_distances() {
         let refusal = context.client.fit_contour(broken).await.unwrap_err();
         assert_eq!(violated_fields(&refusal), [field]);
     }
+}
+
+/// Which bites of the phantom a portal reaches when the joint is opened so far.
+fn reach_options(case: &Request, opening_mm: f64) -> proto::CheckReachabilityOptions {
+    proto::CheckReachabilityOptions {
+        model: Some(mesh_header(case)),
+        opening_mm,
+        portals: vec![point(case.portal).unwrap()],
+        bites: vec![point(case.start).unwrap(), point(case.goal).unwrap()],
+        jaw_length_mm: 4.5,
+        ..Default::default()
+    }
+}
+
+fn reach_messages(case: &Request, options: proto::CheckReachabilityOptions) -> Vec<ReachPayload> {
+    let mut messages = vec![ReachPayload::Options(options)];
+    messages.extend(model_chunks(case).into_iter().map(ReachPayload::Model));
+    messages
+}
+
+#[tokio::test]
+async fn reachability_is_told_for_each_bite_and_portal() {
+    use proto::reachability::Answer;
+    let mut context = Context::start().await;
+    let case = papers_case();
+    let open = reach_messages(&case, reach_options(&case, 8.0));
+    let open = context.reach(open).await.unwrap();
+    assert_eq!(open.reachable_bites, 2);
+    let Some(Answer::Clearance(room)) = &open.answers[1].answer else {
+        panic!("{open:?}");
+    };
+    assert!(room.femur_mm > 0.5 && room.tibia_mm > 0.5 && room.insertion_mm > 30.0);
+
+    let closed = reach_messages(&case, reach_options(&case, -5.0));
+    let closed = context.reach(closed).await.unwrap();
+    let obstructions: Vec<_> = closed
+        .answers
+        .iter()
+        .filter_map(|answer| match &answer.answer {
+            Some(Answer::Obstruction(obstruction)) => Some((answer.bite, obstruction)),
+            _ => None,
+        })
+        .collect();
+    let (bite, obstruction) = obstructions[0];
+    assert_eq!(obstruction.reason, "JOINT_GAP_TOO_SMALL");
+    let needed_mm = obstruction.limit_mm.unwrap();
+    assert!(needed_mm > obstruction.value_mm.unwrap() && !obstruction.remedy.is_empty());
+    // The place is in ct: on the ball, over the joint line.
+    assert!(
+        (40.0..70.0).contains(&obstruction.at.unwrap().y_mm),
+        "{obstruction:?}"
+    );
+    let enough = reach_messages(&case, reach_options(&case, needed_mm));
+    let enough = context.reach(enough).await.unwrap();
+    assert!(matches!(
+        enough.answers[bite as usize].answer,
+        Some(Answer::Clearance(_))
+    ));
+}
+
+#[tokio::test]
+async fn a_reachability_question_that_cannot_be_right_is_refused_by_field() {
+    let mut context = Context::start().await;
+    let case = papers_case();
+    let mut bad = reach_options(&case, f64::NAN);
+    bad.jaw_length_mm = 0.0;
+    bad.bites[1].x_mm = f64::INFINITY;
+    let refusal = context.reach(reach_messages(&case, bad)).await.unwrap_err();
+    let expected = [
+        "options.opening_mm",
+        "options.jaw_length_mm",
+        "options.bites[1].x_mm",
+    ];
+    assert_eq!(violated_fields(&refusal), expected);
+
+    let mut none = reach_options(&case, 8.0);
+    none.portals.clear();
+    let refusal = context
+        .reach(reach_messages(&case, none))
+        .await
+        .unwrap_err();
+    assert_eq!(violated_fields(&refusal), ["options.portals"]);
+
+    let mut messages = reach_messages(&case, reach_options(&case, 8.0));
+    messages.push(ReachPayload::Femur(common::MeshChunk::default()));
+    let refusal = context.reach(messages).await.unwrap_err();
+    assert_eq!(violated_fields(&refusal), ["options.femur"]);
+
+    let mut steep = reach_options(&case, 8.0);
+    steep.limits = Some(proto::ReachLimits {
+        clearance_mm: Some(-1.0),
+        ..Default::default()
+    });
+    let refusal = context
+        .reach(reach_messages(&case, steep))
+        .await
+        .unwrap_err();
+    assert_eq!(violated_fields(&refusal), ["options.limits.clearance_mm"]);
+}
+
+#[tokio::test]
+async fn a_scanned_bone_in_the_way_is_named_with_its_triangle() {
+    use proto::reachability::Answer;
+    let mut context = Context::start().await;
+    let case = papers_case();
+    let mut bone = papers_case();
+    for vertex in &mut bone.model.vertices {
+        *vertex += arthro_geometry::phantom::SUPERIOR * 3.0;
+    }
+    let mut options = reach_options(&case, 8.0);
+    options.tibia = Some(mesh_header(&bone));
+    let mut messages = reach_messages(&case, options);
+    messages.extend(model_chunks(&bone).into_iter().map(ReachPayload::Tibia));
+    let answers = context.reach(messages).await.unwrap().answers;
+    let Some(Answer::Obstruction(obstruction)) = &answers[1].answer else {
+        panic!("{answers:?}");
+    };
+    assert_eq!(obstruction.reason, "SHAFT_HITS_TIBIA");
+    let triangle = obstruction.triangle.unwrap() as usize;
+    let at = obstruction.at.unwrap();
+    let at = Point3::new(at.x_mm, at.y_mm, at.z_mm);
+    let corner = bone.model.corners(triangle)[0];
+    assert!((corner - at).norm() < 3.0, "{corner} {at}");
+
+    let mut metres = papers_case();
+    for vertex in &mut metres.model.vertices {
+        *vertex /= 1000.0;
+    }
+    let mut options = reach_options(&case, 8.0);
+    options.femur = Some(mesh_header(&metres));
+    let mut messages = reach_messages(&case, options);
+    messages.extend(model_chunks(&metres).into_iter().map(ReachPayload::Femur));
+    let refusal = context.reach(messages).await.unwrap_err();
+    assert_eq!(violated_fields(&refusal), ["femur"]);
 }

@@ -152,6 +152,13 @@ impl PlanningService for Fake {
         Err(Status::unimplemented("the gateway fits no contours"))
     }
 
+    async fn check_reachability(
+        &self,
+        _: Request<Streaming<planning::CheckReachabilityRequest>>,
+    ) -> Result<Response<planning::CheckReachabilityResponse>, Status> {
+        Err(Status::unimplemented("the gateway checks no reachability"))
+    }
+
     type PlanResectionStream = Answers<planning::PlanResectionResponse>;
     async fn plan_resection(
         &self,

@@ -15,7 +15,7 @@ use crate::plan::Given;
 const COORDINATE_MM: RangeInclusive<f64> = -10_000.0..=10_000.0;
 const LESION_SPACING_MM: RangeInclusive<f64> = 0.1..=2.0;
 const JAW_WIDTH_MM: RangeInclusive<f64> = 0.5..=10.0;
-const JAW_LENGTH_MM: RangeInclusive<f64> = 0.5..=20.0;
+pub(in crate::server) const JAW_LENGTH_MM: RangeInclusive<f64> = 0.5..=20.0;
 const THROAT_MM: RangeInclusive<f64> = 0.1..=10.0;
 const VOXEL_MM: RangeInclusive<f64> = 0.2..=2.0;
 /// How far a unit direction's length may be from 1.
@@ -25,16 +25,20 @@ const RIGHT_ANGLE_TOLERANCE: f64 = 1e-2;
 
 /// Collects what is wrong, so that the caller hears of everything at once.
 #[derive(Default)]
-pub(super) struct Check {
+pub(in crate::server) struct Check {
     violations: Vec<(String, String)>,
 }
 
 impl Check {
-    pub(super) fn violation(&mut self, field: impl Into<String>, problem: impl Into<String>) {
+    pub(in crate::server) fn violation(
+        &mut self,
+        field: impl Into<String>,
+        problem: impl Into<String>,
+    ) {
         self.violations.push((field.into(), problem.into()));
     }
 
-    pub(super) fn done<T>(self, value: T) -> Result<T, Status> {
+    pub(in crate::server) fn done<T>(self, value: T) -> Result<T, Status> {
         if self.violations.is_empty() {
             Ok(value)
         } else {
@@ -42,12 +46,12 @@ impl Check {
         }
     }
 
-    pub(super) fn done_never<T>(self) -> Result<T, Status> {
+    pub(in crate::server) fn done_never<T>(self) -> Result<T, Status> {
         Err(status::invalid_all(self.violations))
     }
 
     /// A number in a range; 0 stands for the default.
-    pub(super) fn number(
+    pub(in crate::server) fn number(
         &mut self,
         field: &str,
         value: f64,
@@ -61,7 +65,12 @@ impl Check {
         value
     }
 
-    pub(super) fn within(&mut self, field: &str, value: f64, range: RangeInclusive<f64>) {
+    pub(in crate::server) fn within(
+        &mut self,
+        field: &str,
+        value: f64,
+        range: RangeInclusive<f64>,
+    ) {
         // NaN is in no range.
         if !range.contains(&value) {
             let problem = format!("is {value}; must be {} .. {}", range.start(), range.end());
@@ -70,7 +79,13 @@ impl Check {
     }
 
     /// A whole number up to a limit; 0 stands for the default.
-    pub(super) fn count(&mut self, field: &str, value: u32, default: u32, most: u32) -> u32 {
+    pub(in crate::server) fn count(
+        &mut self,
+        field: &str,
+        value: u32,
+        default: u32,
+        most: u32,
+    ) -> u32 {
         if value == 0 {
             return default;
         }
@@ -81,7 +96,7 @@ impl Check {
     }
 
     /// A number in a range, of which 0 may be one.
-    pub(super) fn given(
+    pub(in crate::server) fn given(
         &mut self,
         field: &str,
         value: Option<f64>,
@@ -94,22 +109,26 @@ impl Check {
     }
 
     /// At most so many; more are not looked at.
-    pub(super) fn at_most(&mut self, field: &str, count: usize, limit: usize) -> bool {
+    pub(in crate::server) fn at_most(&mut self, field: &str, count: usize, limit: usize) -> bool {
         if count > limit {
             self.violation(field, format!("are {count}; must be at most {limit}"));
         }
         count <= limit
     }
 
-    pub(super) fn lesion_spacing(&mut self, value: f64) -> f64 {
+    pub(in crate::server) fn lesion_spacing(&mut self, value: f64) -> f64 {
         self.number("options.lesion_spacing_mm", value, 0.5, LESION_SPACING_MM)
     }
 
-    pub(super) fn voxel(&mut self, value: f64) -> f64 {
+    pub(in crate::server) fn voxel(&mut self, value: f64) -> f64 {
         self.number("options.voxel_mm", value, 0.5, VOXEL_MM)
     }
 
-    pub(super) fn point(&mut self, field: &str, point: Option<&common::Point>) -> Point3 {
+    pub(in crate::server) fn point(
+        &mut self,
+        field: &str,
+        point: Option<&common::Point>,
+    ) -> Point3 {
         let Some(point) = point else {
             self.violation(field, "is missing");
             return Point3::origin();
@@ -124,7 +143,11 @@ impl Check {
         Point3::new(point.x_mm, point.y_mm, point.z_mm)
     }
 
-    pub(super) fn points(&mut self, field: &str, points: &[common::Point]) -> Vec<Point3> {
+    pub(in crate::server) fn points(
+        &mut self,
+        field: &str,
+        points: &[common::Point],
+    ) -> Vec<Point3> {
         let indexed = points.iter().enumerate();
         indexed
             .map(|(index, point)| self.point(&format!("{field}[{index}]"), Some(point)))
@@ -146,7 +169,10 @@ impl Check {
         Vector3::x()
     }
 
-    pub(super) fn target_box(&mut self, target_box: Option<&common::Box>) -> (Point3, Point3) {
+    pub(in crate::server) fn target_box(
+        &mut self,
+        target_box: Option<&common::Box>,
+    ) -> (Point3, Point3) {
         let corner = |pick: fn(&common::Box) -> Option<&common::Point>| target_box.and_then(pick);
         let low = self.point("options.target_box.min", corner(|b| b.min.as_ref()));
         let high = self.point("options.target_box.max", corner(|b| b.max.as_ref()));
@@ -159,7 +185,7 @@ impl Check {
         (low, high)
     }
 
-    pub(super) fn jaw(&mut self, jaw: Option<&proto::Jaw>) -> Jaw {
+    pub(in crate::server) fn jaw(&mut self, jaw: Option<&proto::Jaw>) -> Jaw {
         let jaw = jaw.copied().unwrap_or_else(|| {
             self.violation("options.jaw", "is missing");
             proto::Jaw {
@@ -177,7 +203,7 @@ impl Check {
         }
     }
 
-    pub(super) fn bites(&mut self, bites: &[proto::Bite]) -> Vec<Given> {
+    pub(in crate::server) fn bites(&mut self, bites: &[proto::Bite]) -> Vec<Given> {
         let mut read = Vec::with_capacity(bites.len());
         for (index, bite) in bites.iter().enumerate() {
             let field = |name: &str| format!("options.bites[{index}].{name}");
