@@ -105,9 +105,11 @@ impl Bump {
                     ends_mm,
                     height: 1.0,
                 };
-                bump.height = lacking.iter().fold(0.0, |height, &(way_mm, lack)| {
-                    height.max(lack / bump.depth(way_mm).max(1e-9))
+                let height = lacking.iter().fold(0.0, |height: f64, &(way_mm, lack)| {
+                    height.max(lack / bump.depth(way_mm).max(CLEAR))
                 });
+                // At the rim nothing is left to deepen: a need at the very end is not met.
+                bump.height = height.min(1.0);
                 bump
             })
             .map(|bump| {

@@ -416,3 +416,21 @@ fn a_deep_tear_in_a_frayed_edge_does_not_deepen_the_whole_of_it() {
     let sharpest_per_mm = curvatures(&target).into_iter().fold(0.0, f64::max);
     assert!(sharpest_per_mm < 0.5, "{sharpest_per_mm} /mm");
 }
+
+#[test]
+fn a_start_in_the_lesion_is_refused_with_sound_numbers() {
+    let world = World::torn_phantom();
+    let shape = phantom::Phantom::default();
+    for phi_rad in [0.0, 0.04, 0.06, 0.08, 0.1, 0.12] {
+        let start = shape.point(phantom::Coordinates {
+            phi_rad,
+            width_fraction: 0.05,
+            height_fraction: 0.5,
+        });
+        match world.draw(&world.ends(start, phantom::GOAL), Some(&world.lesion)) {
+            Ok(_) | Err(Error::LesionBeyondPath { .. }) => {}
+            Err(Error::RimBelowLimit { rim_mm, .. }) => assert!(rim_mm > -2.0, "{rim_mm} mm"),
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
