@@ -4,6 +4,7 @@
 //! Millimetres and radians throughout. A transform is named `a_from_b` and typed [`Rigid<A, B>`],
 //! so that `base_from_camera * camera_from_ct * point_in_ct` compiles and any other order does not.
 //! Surfaces come from and go to PLY, PCD, STL and OBJ files ([`surface_file`]), of which each has a module.
+//! Points and curves that somebody set on a model come as [`markups`].
 //! The file formats refuse a surface whose space and unit nobody states: a mix-up of LPS and RAS is
 //! a half turn that passes every shape check.
 

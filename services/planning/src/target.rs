@@ -23,7 +23,6 @@ use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
 use crate::voxels::Voxels;
 
-use bump::Bump;
 use station::Station;
 
 pub use lines::Line;
@@ -266,7 +265,7 @@ fn between(
     beyond_path(beyond, lesion.points.len())?;
     let (from_mm, to_mm) = reach_mm(&stations, rules).unwrap_or_default();
     let bump_ends_mm = (from_mm.max(0.0), to_mm.min(stations[last].way_mm));
-    deepened(stations, &chosen, bump_ends_mm, ends, place)
+    deepened(stations, &chosen, bump_ends_mm, ends, rules, place)
 }
 
 /// From the free edge around the lesion to the free edge, or out through the end of a horn that is
@@ -279,7 +278,7 @@ fn around(lesion: &Lesion, rules: &Rules, place: Place<'_>) -> Result<Target, Er
     let ends_mm = reach_mm(&stations, rules).ok_or_else(no_lesion)?;
     stations.retain(|station| (ends_mm.0..=ends_mm.1).contains(&station.way_mm));
     let chosen = vec![0.0; stations.len()];
-    deepened(stations, &chosen, ends_mm, None, place)
+    deepened(stations, &chosen, ends_mm, None, rules, place)
 }
 
 fn gap(angle_rad: f64) -> Error {
@@ -310,18 +309,14 @@ fn deepened(
     chosen: &[f64],
     bump_ends_mm: (f64, f64),
     ends: Option<[Point3; 2]>,
+    rules: &Rules,
     place: Place<'_>,
 ) -> Result<Target, Error> {
     let needs: Vec<f64> = stations.iter().map(|station| station.need).collect();
     let mut round = 0;
     loop {
-        let bump = Bump::least(&stations, chosen, bump_ends_mm);
-        let deeper = |way_mm| bump.map_or(0.0, |bump| bump.depth(way_mm));
-        let depths: Vec<f64> = stations
-            .iter()
-            .zip(chosen)
-            .map(|(station, depth)| depth + deeper(station.way_mm))
-            .collect();
+        let reach = |stations: &[Station]| reach_mm(stations, rules);
+        let depths = bump::deepen(&stations, chosen, bump_ends_mm, reach);
         let target = Target::of(fit(&stations, &depths, ends, place)?, place.crescent);
         round += 1;
         if round == MAX_ROUNDS || !lift(&mut stations, &needs, &target.band) {

@@ -396,3 +396,41 @@ fn a_contour_beyond_the_rim_is_refused_without_offering_a_limit() {
     assert!(!said.contains("rim limit of at most"), "{said}");
     assert!(said.contains("nearer to the free edge"), "{said}");
 }
+
+#[test]
+fn a_deep_tear_in_a_frayed_edge_does_not_deepen_the_whole_of_it() {
+    let mut world = World::torn_phantom();
+    let frayed = RadialTear {
+        phi_rad: 0.2,
+        depth_fraction: 0.1,
+        width_mm: 14.0,
+    };
+    let frayed = World::phantom_torn(&frayed, 0.5).lesion.marks;
+    let marks = world.lesion.marks.iter().zip(&frayed);
+    let marks = marks.map(|(torn, frayed)| *torn || *frayed).collect();
+    world.lesion = Lesion::of_voxels(marks, &world.voxels);
+    let target = world.draw(&Aim::Lesion, Some(&world.lesion)).unwrap();
+    // As deep as the tear everywhere, it would be 3.3 times the lesion.
+    let times_lesion = world.region_mm3(&target) / world.lesion.volume_mm3();
+    assert!(times_lesion < 2.7, "{times_lesion}");
+    let sharpest_per_mm = curvatures(&target).into_iter().fold(0.0, f64::max);
+    assert!(sharpest_per_mm < 0.5, "{sharpest_per_mm} /mm");
+}
+
+#[test]
+fn a_start_in_the_lesion_is_refused_with_sound_numbers() {
+    let world = World::torn_phantom();
+    let shape = phantom::Phantom::default();
+    for phi_rad in [0.0, 0.04, 0.06, 0.08, 0.1, 0.12] {
+        let start = shape.point(phantom::Coordinates {
+            phi_rad,
+            width_fraction: 0.05,
+            height_fraction: 0.5,
+        });
+        match world.draw(&world.ends(start, phantom::GOAL), Some(&world.lesion)) {
+            Ok(_) | Err(Error::LesionBeyondPath { .. }) => {}
+            Err(Error::RimBelowLimit { rim_mm, .. }) => assert!(rim_mm > -2.0, "{rim_mm} mm"),
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
