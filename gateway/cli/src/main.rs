@@ -6,13 +6,17 @@
 
 mod arguments;
 mod bench;
+mod bites_file;
 mod calibrate;
 mod cell;
 mod commands;
 mod demo;
+mod drawing;
+mod evaluate;
 mod exit;
 mod gateway;
 mod output;
+mod plan;
 mod reconstruct;
 mod register;
 mod report;
