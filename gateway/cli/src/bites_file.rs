@@ -37,6 +37,9 @@ const MAX_COORDINATE_MM: f64 = 10_000.0;
 const MIN_LENGTH: f64 = 1e-6;
 /// How far the cosine between a bite's directions may be from 0.
 const RIGHT_ANGLE_TOLERANCE: f64 = 1e-2;
+/// Sine of the least angle between the long axis and the superior direction: nearer to it, the latter does not tell how
+/// the jaw opens.
+const MIN_ACROSS: f64 = 0.17;
 /// Sizes that a jaw may have, mm.
 pub const JAW_WIDTH_MM: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 pub const JAW_LENGTH_MM: std::ops::RangeInclusive<f64> = 0.5..=20.0;
@@ -88,7 +91,7 @@ impl ListedBite {
             Some(opening) => opening,
             None => {
                 let across = superior - self.long_axis * superior.dot(&self.long_axis);
-                across.try_normalize(1e-3)?
+                across.try_normalize(MIN_ACROSS)?
             }
         };
         Some(Bite {

@@ -169,12 +169,15 @@ fn a_standard_case_gives_a_foreign_list_its_aim() {
         "--scenario",
         "tear",
     ]);
-    let lesion = score["lesion_covered_percent"].as_f64().unwrap();
-    assert!((30.0..=100.0).contains(&lesion), "{score}");
+    let number = |key: &str| score[key].as_f64().unwrap();
+    assert!(number("lesion_covered_percent") > 95.0, "{score}");
     assert!(
-        score["outside_removed_mm3"].as_f64().unwrap() > 1.0,
+        (20.0..70.0).contains(&number("region_covered_percent")),
         "{score}"
     );
+    let taken = number("removed_mm3") - number("outside_removed_mm3");
+    let share = 0.01 * number("region_covered_percent") * number("region_mm3");
+    assert!((taken - share).abs() < 1e-6, "{score}");
 }
 
 #[test]

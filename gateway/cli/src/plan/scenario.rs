@@ -1,6 +1,6 @@
 //! The standard cases: TEAR, a radial tear in the middle of the body, and BAND, all that lies inboard of a contour from
 //! the paper's start to its goal. On the phantom they are the paper's; on any other meniscus the same is put at the
-//! same angles and depths.
+//! same angles and depths, as far as the rim of the phantom's case allows.
 
 use arthro_geometry::phantom::{self, Coordinates, Phantom, RadialTear};
 use arthro_geometry::{Mesh, Point3, Vector3};
@@ -22,6 +22,8 @@ const TEAR_END_DEPTH_MM: f64 = 0.3;
 const TEAR_END_DEPTH: f64 = 0.03;
 /// The paper's start and goal on the phantom: degrees from the middle of the body, and share of the width.
 const BAND_ENDS: [(f64, f64); 2] = [(79.7, 0.11), (-63.4, 0.71)];
+/// The rim that the paper's goal leaves on the phantom, mm: on a narrower meniscus the contour stays as far from the rim.
+const BAND_RIM_MM: f64 = 3.2;
 const LESION_SPACING_MM: f64 = 0.5;
 /// Around a model, mm.
 const BOX_MARGIN_MM: f64 = 5.0;
@@ -134,9 +136,11 @@ fn on_surface(
         ScenarioName::Tear => {
             [TEAR_ENDS_DEG, -TEAR_ENDS_DEG].map(|angle_deg| at(angle_deg, &|_| TEAR_END_DEPTH_MM))
         }
-        ScenarioName::Band => {
-            BAND_ENDS.map(|(angle_deg, share)| at(angle_deg, &|width_mm| share * width_mm))
-        }
+        ScenarioName::Band => BAND_ENDS.map(|(angle_deg, share)| {
+            at(angle_deg, &|width_mm| {
+                (share * width_mm).min(width_mm - BAND_RIM_MM).max(0.0)
+            })
+        }),
     };
     let ([Some(start), Some(goal)], Some(target_box)) = (ends, box_around(mesh)) else {
         let problem = "it has no tissue where the contour would begin or end".to_owned();

@@ -29,7 +29,7 @@ pub fn run(arguments: &Plan, output: &Output) -> Result<(), Failure> {
         None => Vec::new(),
     };
     output.line(format!(
-        "{:<32} {:>5} {:>8} {:>8} {:>12} {:>8} {:>9} {:>8}",
+        "{:<40} {:>5} {:>8} {:>8} {:>12} {:>8} {:>9} {:>8}",
         "", "bites", "region %", "lesion %", "outside mm3", "rim mm", "blocked", "s"
     ));
     let phantom = Model::phantom();
@@ -79,7 +79,12 @@ fn planned(asked: &Asked) -> Result<Row, Failure> {
 
 /// The paper's bites: jaws on the contour at equal distances, along the shaft.
 fn paper(asked: &Asked) -> Result<Row, Failure> {
-    let contour = asked.contour()?;
+    // The paper knows no limit to the rim.
+    let contour = Asked {
+        rim_min_mm: 0.0,
+        ..asked.clone()
+    }
+    .contour()?;
     let portal = asked.portals[0];
     let bites = spread(&contour, PAPER_BITES)
         .into_iter()
@@ -142,13 +147,13 @@ fn describe(row: &Result<Row, Failure>) -> Value {
 fn line(title: &str, row: &Result<Row, Failure>) -> String {
     let Row { score, seconds } = match row {
         Ok(row) => row,
-        Err(failure) => return format!("{title:<32} {}: {}", failure.reason, failure.message),
+        Err(failure) => return format!("{title:<40} {}: {}", failure.reason, failure.message),
     };
     let number = |value: Option<f64>, digits: usize| {
         value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
     };
     format!(
-        "{title:<32} {:>5} {:>8} {:>8} {:>12} {:>8.2} {:>9} {:>8}",
+        "{title:<40} {:>5} {:>8} {:>8} {:>12} {:>8.2} {:>9} {:>8}",
         score.evaluation.bites,
         number(score.region_percent(), 1),
         number(score.lesion_percent(), 1),

@@ -12,6 +12,8 @@ const LEFT: Color = Color::solid([70, 150, 120]);
 /// Step along a ray on which the rim is measured, mm.
 const STEP_MM: f64 = 0.1;
 const TICK_DEG: i32 = 30;
+/// The rim ends in points at the horns; words stand further in, mm.
+const LIMIT_INSET_MM: f64 = 3.0;
 
 /// The rim at one angle.
 #[derive(Clone, Copy, Debug)]
@@ -86,14 +88,14 @@ pub fn draw(page: &mut Drawing, panel: &Panel, scene: &Scene<'_>) {
         LEFT.sheer(0.75),
     );
     contour(page, &axes, scene);
-    if let Some(limit_mm) = scene.picture.rim_min_mm {
-        limit(page, &axes, limit_mm);
-    }
     let is_bitten = |ray: &&Ray| ray.left_mm < ray.width_mm - STEP_MM;
     let narrowest = rays
         .iter()
         .filter(is_bitten)
         .min_by(|a, b| a.left_mm.total_cmp(&b.left_mm));
+    if let Some(limit_mm) = scene.picture.rim_min_mm {
+        limit(page, &axes, limit_mm, narrowest);
+    }
     if let Some(narrowest) = narrowest {
         minimum(page, &axes, narrowest);
     }
@@ -186,27 +188,22 @@ fn contour(page: &mut Drawing, axes: &Axes, scene: &Scene<'_>) {
     }
 }
 
-fn limit(page: &mut Drawing, axes: &Axes, limit_mm: f64) {
+fn limit(page: &mut Drawing, axes: &Axes, limit_mm: f64, narrowest: Option<&Ray>) {
     let (plot, y) = (&axes.plot, axes.y(limit_mm));
     page.line(
         vec![[plot.left, y], [plot.right(), y]],
         Pen::new(ALARM, 0.18).dashed(0.8),
     );
-    // Below the line, unless the words on the minimum stand there.
-    let below = y + 0.5 + TEXT_MM;
-    let baseline = if below < words_top(axes) {
-        below
+    // On the side that the words on the minimum leave free.
+    let is_left =
+        narrowest.is_some_and(|ray| ray.angle_rad < 0.5 * (axes.first_rad + axes.last_rad));
+    let (x, anchor) = if is_left {
+        (plot.left + LIMIT_INSET_MM, Anchor::Left)
     } else {
-        y - 0.5
+        (plot.right() - LIMIT_INSET_MM, Anchor::Right)
     };
     let text = format!("limit {limit_mm:.1}");
-    page.text(
-        [plot.right() - 0.4, baseline],
-        TEXT_MM,
-        Anchor::Right,
-        ALARM,
-        &text,
-    );
+    page.text([x, y + 0.5 + TEXT_MM], TEXT_MM, anchor, ALARM, &text);
 }
 
 fn minimum(page: &mut Drawing, axes: &Axes, ray: &Ray) {

@@ -13,7 +13,9 @@ use crate::plan::site::{HINGE_MM, HINGE_SHARE_MAX, Site};
 
 /// Steps of the shading, and cells across the tissue.
 const SHADES: usize = 9;
-const CELLS: usize = 16;
+const CELLS: usize = 24;
+/// Rays to each side over which the shading is averaged.
+const WINDOW: usize = 5;
 /// Lesion points nearer than this in the plane are drawn as one, mm.
 const LESION_CELL_MM: f64 = 0.25;
 const SCALE_BAR_MM: f64 = 10.0;
@@ -121,7 +123,14 @@ fn tissue(page: &mut Drawing, site: &Site, place: &impl Fn(&Point3) -> At) {
                 .collect()
         })
         .collect();
-    let thickest_mm = thickness_mm
+    let smooth_mm: Vec<Vec<f64>> = (0..rays.len())
+        .map(|ray| {
+            (0..CELLS)
+                .map(|cell| mean_along(&thickness_mm, ray, cell))
+                .collect()
+        })
+        .collect();
+    let thickest_mm = smooth_mm
         .iter()
         .flatten()
         .copied()
@@ -129,7 +138,7 @@ fn tissue(page: &mut Drawing, site: &Site, place: &impl Fn(&Point3) -> At) {
     for shade in 0..SHADES {
         let share = shade as f64 / SHADES as f64;
         let mut rings: Vec<Vec<At>> = Vec::new();
-        for (pair, cells) in rays.windows(2).zip(&thickness_mm) {
+        for (pair, cells) in rays.windows(2).zip(&smooth_mm) {
             for (from, to) in runs(cells, share * thickest_mm) {
                 let (inner, outer) = (share_of(from), share_of(to));
                 let corners = [
@@ -149,7 +158,17 @@ fn tissue(page: &mut Drawing, site: &Site, place: &impl Fn(&Point3) -> At) {
     page.outline(inner.chain(outer).collect(), Pen::new(FAINT, 0.12));
 }
 
-/// First index and the one after the last of each run of values that are at least `least`.
+/// The mean over neighbouring rays, which takes the steps of the voxels out of the shading.
+fn mean_along(rays: &[Vec<f64>], ray: usize, cell: usize) -> f64 {
+    let (from, to) = (
+        ray.saturating_sub(WINDOW),
+        (ray + WINDOW + 1).min(rays.len()),
+    );
+    let sum: f64 = rays[from..to].iter().map(|cells| cells[cell]).sum();
+    sum / (to - from) as f64
+}
+
+/// The first index and the one after the last of each run of values that are at least `least`.
 fn runs(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for (index, _) in values
