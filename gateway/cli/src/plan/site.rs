@@ -59,6 +59,12 @@ impl Site {
         self.columns.get(&place).copied()
     }
 
+    /// The greatest thickness of the tissue, mm.
+    pub fn thickest_mm(&self) -> f64 {
+        let columns = self.columns.values();
+        columns.map(|(low, high)| high - low).fold(0.0, f64::max)
+    }
+
     /// Thickness of the tissue around a place, mm; `None` away from it.
     pub fn thickness_mm(&self, x: f64, y: f64) -> Option<f64> {
         let (i, j) = place(x, y, self.voxels.voxel_mm());

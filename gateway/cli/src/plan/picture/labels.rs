@@ -6,6 +6,8 @@ pub const RADIUS_MM: f64 = 0.95;
 pub const TEXT_MM: f64 = 0.92;
 /// Least distance between two numbers, mm.
 const APART_MM: f64 = 2.0;
+/// Least distance of a number from a mark, mm.
+const FROM_MARK_MM: f64 = 1.5;
 /// Distances at which a free place is looked for, mm.
 const RINGS_MM: [f64; 6] = [2.2, 3.6, 5.0, 6.5, 8.0, 9.5];
 /// Directions that are tried on each ring, nearest to the hole first.
@@ -20,14 +22,16 @@ pub struct Label {
     pub at: At,
 }
 
-/// Places for numbers at `centers` that do not cover each other, as near as may be and rather towards `hole`.
-pub fn spread(centers: &[At], hole: At) -> Vec<Label> {
+/// Places for numbers at `centers` that cover neither each other nor `marks`, as near as may be and rather towards `hole`.
+pub fn spread(centers: &[At], marks: &[At], hole: At) -> Vec<Label> {
     let mut labels: Vec<Label> = Vec::with_capacity(centers.len());
     for &center in centers {
         let is_free = |at: &At| {
-            labels
-                .iter()
-                .all(|label| distance(label.at, *at) >= APART_MM)
+            let mut others = labels.iter();
+            others.all(|label| distance(label.at, *at) >= APART_MM)
+                && marks
+                    .iter()
+                    .all(|mark| distance(*mark, *at) >= FROM_MARK_MM)
         };
         let inward = (hole[1] - center[1]).atan2(hole[0] - center[0]);
         let around = RINGS_MM.into_iter().flat_map(|radius_mm| {
@@ -60,15 +64,20 @@ mod tests {
 
     #[test]
     fn a_number_with_room_stays_on_its_jaw() {
-        let labels = spread(&[[0.0, 0.0], [5.0, 0.0]], [0.0, 9.0]);
+        let labels = spread(&[[0.0, 0.0], [5.0, 0.0]], &[], [0.0, 9.0]);
         assert!(labels.iter().all(|label| label.center == label.at));
     }
 
     #[test]
-    fn crowded_numbers_do_not_cover_each_other() {
+    fn crowded_numbers_cover_neither_each_other_nor_marks() {
         let centers: Vec<At> = (0..39).map(|step| [f64::from(step), 0.0]).collect();
-        let labels = spread(&centers, [20.0, 15.0]);
+        let labels = spread(&centers, &centers[..9], [20.0, 15.0]);
         for (index, label) in labels.iter().enumerate() {
+            assert!(
+                centers[..9]
+                    .iter()
+                    .all(|mark| distance(*mark, label.at) >= FROM_MARK_MM)
+            );
             for other in &labels[..index] {
                 assert!(
                     distance(label.at, other.at) >= APART_MM,

@@ -10,7 +10,7 @@ const COLUMNS: usize = 2;
 
 /// A sign and its meaning.
 enum Sign {
-    Thickness,
+    Thickness { most_mm: f64 },
     Lesion,
     Contour,
     Bites { last: usize },
@@ -39,7 +39,8 @@ pub fn draw(page: &mut Drawing, panel: &Panel, scene: &Scene<'_>) {
 }
 
 fn signs(scene: &Scene<'_>) -> Vec<Sign> {
-    let mut signs = vec![Sign::Thickness];
+    let most_mm = scene.picture.site.thickest_mm();
+    let mut signs = vec![Sign::Thickness { most_mm }];
     if !scene.lesion.is_empty() {
         signs.push(Sign::Lesion);
     }
@@ -74,9 +75,9 @@ fn show(page: &mut Drawing, sign: &Sign, [x, y]: At) -> String {
     let top = [x, y - 0.6];
     let box_mm = [SIGN_MM, 1.2];
     match sign {
-        Sign::Thickness => {
+        Sign::Thickness { most_mm } => {
             ramp(page, top, box_mm, &TISSUE);
-            "tissue, thin to thick".to_owned()
+            format!("tissue, up to {most_mm:.1} mm")
         }
         Sign::Lesion => {
             page.rectangle(top, box_mm, LESION.sheer(0.75));

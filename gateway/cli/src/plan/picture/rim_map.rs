@@ -215,17 +215,17 @@ fn minimum(page: &mut Drawing, axes: &Axes, ray: &Ray) {
     );
     let half_mm = 0.5 * width_mm(&words, TEXT_MM) + 0.5;
     let middle = at[0].clamp(axes.plot.left + half_mm, axes.plot.right() - half_mm);
-    page.line(
-        vec![at, [at[0], words_top(axes) - 0.3]],
-        Pen::new(INK, 0.09),
-    );
+    // On the axis below the mark, or over everything if there is no room.
+    let below = axes.plot.bottom() - 0.6;
+    let above = axes.plot.top + TEXT_MM;
+    let has_room = at[1] < below - TEXT_MM - 1.0;
+    let (baseline, end) = if has_room {
+        (below, below - TEXT_MM - 0.3)
+    } else {
+        (above, above + 0.3)
+    };
+    page.line(vec![at, [at[0], end]], Pen::new(INK, 0.09));
     page.disc(at, 0.55, Color::solid([255; 3]));
     page.disc(at, 0.42, INK);
-    let baseline = words_top(axes) + TEXT_MM;
     page.text([middle, baseline], TEXT_MM, Anchor::Middle, INK, &words);
-}
-
-/// Where the words on the minimum begin: they stand on the axis.
-fn words_top(axes: &Axes) -> f64 {
-    axes.plot.bottom() - 0.6 - TEXT_MM
 }

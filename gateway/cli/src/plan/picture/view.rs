@@ -243,8 +243,9 @@ fn rectangles(scene: &Scene<'_>, bite: &Bite, place: &impl Fn(&Point3) -> At) ->
 
 fn numbers(page: &mut Drawing, scene: &Scene<'_>, place: &impl Fn(&Point3) -> At) {
     let centers: Vec<At> = scene.bites.iter().map(|bite| place(&bite.center)).collect();
+    let marks: Vec<At> = scene.measured.iter().map(place).collect();
     let hole = place(&Point3::origin());
-    let labels = labels::spread(&centers, hole);
+    let labels = labels::spread(&centers, &marks, hole);
     for Label { center, at } in &labels {
         if center != at {
             page.line(vec![*center, *at], Pen::new(INK, 0.09));
@@ -328,20 +329,23 @@ impl Arrow {
             ],
             PORTAL,
         );
-        // Beside the arrow, on the side of the panel's middle.
-        let is_right = self.begin[0] > 0.5 * (panel.left + panel.right());
-        let (anchor, aside_mm) = match is_right {
-            true => (Anchor::Right, -1.2),
-            false => (Anchor::Left, 1.2),
+        let [x, y] = self.begin;
+        let is_steep = self.along[1].abs() > self.along[0].abs();
+        // Beside a steep arrow; under or over a flat one, where it does not lead.
+        let beside_mm = if is_steep { 2.2 } else { 0.0 };
+        let baseline = match (is_steep, self.along[1] < 0.0) {
+            (true, true) => y - 0.5,
+            (true, false) => y + TEXT_MM,
+            (false, true) => y + 1.0 + TEXT_MM,
+            (false, false) => y - 1.0,
         };
-        let [x, y] = self.at(1.5, 0.0);
-        page.text(
-            [x + aside_mm, y + 0.5 * TEXT_MM],
-            TEXT_MM,
-            anchor,
-            PORTAL,
-            name,
-        );
+        let is_right = x > 0.5 * (panel.left + panel.right());
+        let (x, anchor) = if is_right {
+            (x - beside_mm, Anchor::Right)
+        } else {
+            (x + beside_mm, Anchor::Left)
+        };
+        page.text([x, baseline], TEXT_MM, anchor, PORTAL, name);
     }
 }
 
