@@ -23,14 +23,20 @@ use crate::arguments::StatedSpace;
 use crate::commands::{read, stated};
 use crate::exit::Failure;
 
+mod problem;
+#[cfg(test)]
+mod tests;
+
+use problem::Problem;
+
 const FORMAT: &str = "arthro-bites/1";
 /// Largest file, bytes.
 const MAX_BYTES: u64 = 64 << 20;
 /// Most entries of each list.
 const MAX_BITES: usize = 1_000;
 const MAX_PORTALS: usize = 16;
-const MAX_CONTOUR: usize = 10_000;
-const MAX_LESION: usize = 1_000_000;
+pub const MAX_CONTOUR: usize = 10_000;
+pub const MAX_LESION: usize = 1_000_000;
 /// Coordinates of a CT, mm.
 const MAX_COORDINATE_MM: f64 = 10_000.0;
 /// A direction shorter than this is none.
@@ -387,57 +393,3 @@ fn check(field: &str, value: f64, range: &std::ops::RangeInclusive<f64>) -> Resu
     let problem = format!("is {value}; must be {} .. {}", range.start(), range.end());
     Err(Problem::new(field, problem))
 }
-
-/// What is wrong with a field.
-#[derive(Debug, PartialEq)]
-struct Problem {
-    field: String,
-    problem: String,
-}
-
-impl Problem {
-    fn new(field: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self {
-            field: field.into(),
-            problem: problem.into(),
-        }
-    }
-
-    /// JSON has no word for what is no number; some writers use it all the same.
-    fn of_syntax(error: &serde_json::Error, bytes: &[u8]) -> Self {
-        let text = String::from_utf8_lossy(bytes);
-        let line = text
-            .lines()
-            .nth(error.line().saturating_sub(1))
-            .unwrap_or_default();
-        let before = line
-            .get(..error.column().saturating_sub(1))
-            .unwrap_or_default();
-        let after = line.get(before.len()..).unwrap_or_default();
-        let is_no_number = ["NaN", "Infinity", "nan", "inf"]
-            .into_iter()
-            .any(|word| after.starts_with(word));
-        if !is_no_number {
-            return Self::new("file", error.to_string());
-        }
-        let field = before.rsplit('"').nth(1).unwrap_or("file");
-        Self::new(
-            field,
-            format!(
-                "holds what is no number (line {} column {})",
-                error.line(),
-                error.column()
-            ),
-        )
-    }
-
-    fn of(self, path: &Path) -> Failure {
-        let message = format!("{}: {} {}", path.display(), self.field, self.problem);
-        let mut failure = Failure::refused("FILE_INVALID", message);
-        failure.violations.push((self.field, self.problem));
-        failure
-    }
-}
-
-#[cfg(test)]
-mod tests;

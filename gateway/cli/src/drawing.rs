@@ -76,7 +76,7 @@ impl Color {
     pub fn along(ramp: &[[u8; 3]], share: f64) -> Self {
         let position = share.clamp(0.0, 1.0) * ramp.len().saturating_sub(1) as f64;
         let index = position.floor() as usize;
-        let at = |index: usize| ramp.get(index.min(ramp.len() - 1)).copied();
+        let at = |index: usize| ramp.get(index.min(ramp.len().saturating_sub(1))).copied();
         let (Some(before), Some(after)) = (at(index), at(index + 1)) else {
             return Self::solid([0; 3]);
         };

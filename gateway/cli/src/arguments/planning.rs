@@ -46,7 +46,7 @@ pub struct Plan {
     #[command(flatten)]
     pub pictures: Pictures,
     /// Plans the standard cases instead and prints them beside the paper's 39 bites.
-    #[arg(long, conflicts_with_all = ["model", "start", "lesion", "contour", "scenario", "out", "svg", "png", "portal"])]
+    #[arg(long, conflicts_with_all = ["model", "start", "lesion", "contour", "scenario", "out", "svg", "png", "portal", "deadline_s"])]
     pub scorecard: bool,
     /// Also plans the standard cases on every PLY file of this folder, or of `menisci` in it.
     #[arg(long, value_name = "FOLDER", requires = "scorecard")]

@@ -80,18 +80,18 @@ impl Asked {
         })
     }
 
-    /// A standard case with the jaw, the rim and the seed of the standard.
-    pub fn standard(name: ScenarioName, model: Model) -> Result<Self, Failure> {
+    /// A standard case through the anterolateral portal, as the command line has it otherwise.
+    pub fn standard(name: ScenarioName, model: Model, arguments: &Plan) -> Result<Self, Failure> {
         let portal = scenario::anterolateral(&model)?;
-        let voxel_mm = 0.5;
+        let voxel_mm = arguments.region.voxel_mm;
         Ok(Self {
             marked: scenario::marked(name, &model, &portal, voxel_mm)?,
             model,
             portals: vec![portal],
-            jaw: JAW,
-            rim_min_mm: 3.0,
+            jaw: arguments.region.jaw.unwrap_or(JAW),
+            rim_min_mm: arguments.rim_min_mm,
             voxel_mm,
-            seed: 1,
+            seed: arguments.seed,
         })
     }
 

@@ -33,11 +33,11 @@ pub fn run(arguments: &Plan, output: &Output) -> Result<(), Failure> {
         "", "bites", "region %", "lesion %", "outside mm3", "rim mm", "blocked", "s"
     ));
     let phantom = Model::phantom();
-    let mut value = both(&phantom, output);
+    let mut value = both(&phantom, arguments, output);
     let menisci: Vec<Value> = models
         .iter()
         .map(|model| {
-            let mut value = both(model, output);
+            let mut value = both(model, arguments, output);
             value["name"] = json!(model.name);
             value
         })
@@ -48,10 +48,10 @@ pub fn run(arguments: &Plan, output: &Output) -> Result<(), Failure> {
 }
 
 /// Both cases on a model, ours and the paper's.
-fn both(model: &Model, output: &Output) -> Value {
+fn both(model: &Model, arguments: &Plan, output: &Output) -> Value {
     let mut value = json!({"paper": {}});
     for (word, name) in SCENARIOS {
-        let asked = Asked::standard(name, model.clone());
+        let asked = Asked::standard(name, model.clone(), arguments);
         let ours = asked.as_ref().map_err(again).and_then(planned);
         let theirs = asked.as_ref().map_err(again).and_then(paper);
         for (who, row) in [("ours", &ours), ("paper", &theirs)] {
