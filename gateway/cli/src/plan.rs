@@ -67,13 +67,10 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
         .await
         .map_err(|error| Failure::failed("COMPUTATION_FAILED", error))?;
     bar.finish_and_clear();
-    let is_late = until.is_some_and(|until| Instant::now() >= until);
-    let list = planned.map_err(|failure| {
-        if is_late {
-            too_late(&arguments)
-        } else {
-            failure
-        }
+    // Nothing but the deadline ends the work early.
+    let list = planned.map_err(|failure| match failure.reason.as_str() {
+        "CANCELLED" => too_late(&arguments),
+        _ => failure,
     })?;
     let seconds = began.elapsed().as_secs_f64();
     let score = Score::of(&asked.model.mesh, &list, asked.voxel_mm)?;

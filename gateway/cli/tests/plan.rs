@@ -8,7 +8,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use arthro_geometry::{Point3, phantom, ply};
+use arthro_geometry::{Cloud, Point3, phantom, ply};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -178,6 +178,52 @@ fn a_standard_case_gives_a_foreign_list_its_aim() {
     let taken = number("removed_mm3") - number("outside_removed_mm3");
     let share = 0.01 * number("region_covered_percent") * number("region_mm3");
     assert!((taken - share).abs() < 1e-6, "{score}");
+}
+
+/// Points as a PLY file in LPS and mm.
+fn cloud(folder: &Folder, name: &str, points: &Value) -> String {
+    let rows: Vec<[f64; 3]> = serde_json::from_value(points.clone()).unwrap();
+    let cloud = Cloud {
+        points: rows.into_iter().map(Point3::from).collect(),
+        ..Cloud::default()
+    };
+    let path = folder.path(name);
+    std::fs::write(&path, ply::write_cloud(&cloud)).unwrap();
+    path
+}
+
+#[test]
+fn contour_and_lesion_from_files_give_the_score_that_those_of_the_list_give() {
+    let folder = Folder::new();
+    let path = folder.path("bites.json");
+    done(&["plan", "phantom", "--scenario", "tear", "--out", &path]);
+    let full = done(&["evaluate", "phantom", &path]);
+    let list: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let contour = cloud(&folder, "contour.ply", &list["contour"]);
+    let lesion = cloud(&folder, "lesion.ply", &list["lesion"]["points"]);
+    let bare =
+        json!({"space": "LPS", "unit": "mm", "bites": list["bites"], "portals": list["portals"]});
+    let bare = folder.write("bare.json", &bare.to_string());
+    let score = done(&[
+        "evaluate",
+        "phantom",
+        &bare,
+        "--jaw",
+        "3,4.5",
+        "--contour",
+        &contour,
+        "--lesion",
+        &lesion,
+    ]);
+    for key in [
+        "region_covered_percent",
+        "lesion_covered_percent",
+        "outside_removed_mm3",
+    ] {
+        let [a, b] = [&full, &score].map(|value| value[key].as_f64().unwrap());
+        // The files hold float32, which may move a voxel on the contour.
+        assert!((a - b).abs() < 0.5, "{key}: {a} and {b}");
+    }
 }
 
 #[test]
