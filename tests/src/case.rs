@@ -80,7 +80,7 @@ impl Cell {
     pub async fn planned_case(&self) -> (String, String) {
         let case = self.registered_case().await;
         let plan = self
-            .done(&["plan", &case, "--targets", &path(&self.at.targets)])
+            .done(&["case", "plan", &case, "--targets", &path(&self.at.targets)])
             .await;
         let digest = plan["plan_digest"].as_str().expect("a plan has a digest");
         (case, digest.to_owned())
@@ -89,8 +89,16 @@ impl Cell {
     /// A case with an approved plan, and the plan's digest.
     pub async fn approved_case(&self) -> (String, String) {
         let (case, digest) = self.planned_case().await;
-        self.done(&["plan", &case, "--approve", &digest, "--surgeon", "test"])
-            .await;
+        self.done(&[
+            "case",
+            "approve",
+            &case,
+            "--digest",
+            &digest,
+            "--surgeon",
+            "test",
+        ])
+        .await;
         (case, digest)
     }
 }

@@ -68,7 +68,15 @@ async fn a_digest_that_nobody_saw_cannot_be_approved() {
     let (case, digest) = cell.planned_case().await;
     let other = digest.replace(|c: char| c.is_ascii_digit(), "a");
     let answer = cell
-        .command(&["plan", &case, "--approve", &other, "--surgeon", "test"])
+        .command(&[
+            "case",
+            "approve",
+            &case,
+            "--digest",
+            &other,
+            "--surgeon",
+            "test",
+        ])
         .await;
     assert_eq!((answer.code, answer.reason()), (3, "DIGEST_MISMATCH"));
     cell.teardown().await;

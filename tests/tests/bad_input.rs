@@ -190,7 +190,8 @@ async fn a_target_box_off_the_meniscus_and_a_start_off_the_tissue_are_refused() 
     }
     // Nothing was lost: the case still stands where it stood, and can be planned.
     let targets = cell.at.targets.display().to_string();
-    cell.done(&["plan", &case_id, "--targets", &targets]).await;
+    cell.done(&["case", "plan", &case_id, "--targets", &targets])
+        .await;
     cell.teardown().await;
 }
 

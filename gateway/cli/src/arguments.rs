@@ -7,11 +7,13 @@ use arthro_geometry::Point3;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 mod local;
+mod planning;
 
 pub use local::{
     Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
     Reconstruct, Register,
 };
+pub use planning::{Evaluate, Pictures, Plan, Region, ScenarioName};
 
 /// An arthroscopic robot system for meniscoplasty.
 ///
@@ -43,18 +45,20 @@ pub enum Command {
     Up(Up),
     /// Runs one service in the foreground.
     Serve(Serve),
-    /// Creates and shows cases, and gives them a scene.
+    /// Creates and shows cases, and takes them from their scene to an approved plan.
     #[command(subcommand)]
     Case(Case),
     /// Finds a model in a view, from two files, without any server.
     Register(Register),
+    /// Plans a resection from files, without any server.
+    Plan(Box<Plan>),
+    /// Scores a list of bites from files, wherever it was planned.
+    Evaluate(Evaluate),
     /// Runs a benchmark on a folder of cases with known truth.
     #[command(subcommand)]
     Bench(Bench),
     /// Makes a watertight surface of a label or threshold of a volume.
     Reconstruct(Reconstruct),
-    /// Plans a case's bites, or approves the plan.
-    Plan(Plan),
     /// Starts the approved plan of a case and watches it to the end.
     Run(Run),
     /// Watches a procedure until it ends.
@@ -150,6 +154,18 @@ pub enum Case {
         #[arg(long)]
         operator: String,
     },
+    /// Plans a case's bites and prints the plan's digest.
+    Plan(PlanCase),
+    /// Approves exactly the plan with this digest.
+    Approve {
+        case: String,
+        /// The plan's digest.
+        #[arg(long)]
+        digest: String,
+        /// Who approves.
+        #[arg(long)]
+        surgeon: String,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -225,16 +241,16 @@ pub struct RegisterCase {
 }
 
 #[derive(Debug, Args)]
-pub struct Plan {
+pub struct PlanCase {
     pub case: String,
     /// Where the new contour leaves the free edge: x,y,z in ct, mm.
-    #[arg(long, value_parser = point, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    #[arg(long, value_parser = point, required_unless_present = "targets", allow_hyphen_values = true)]
     pub start: Option<Point3>,
     /// Where it meets the free edge again.
-    #[arg(long, value_parser = point, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    #[arg(long, value_parser = point, required_unless_present = "targets", allow_hyphen_values = true)]
     pub goal: Option<Point3>,
     /// Targets stay inside this box: two opposite corners, x,y,z,x,y,z in ct, mm.
-    #[arg(long = "box", value_parser = target_box, required_unless_present_any = ["targets", "approve"], allow_hyphen_values = true)]
+    #[arg(long = "box", value_parser = target_box, required_unless_present = "targets", allow_hyphen_values = true)]
     pub target_box: Option<(Point3, Point3)>,
     /// Takes start, goal and box from this file (`targets.toml` of a simulated cell).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "target_box"])]
@@ -244,12 +260,6 @@ pub struct Plan {
     pub rim_min_mm: f64,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Approves the plan with this digest instead of planning.
-    #[arg(long, value_name = "DIGEST", requires = "surgeon")]
-    pub approve: Option<String>,
-    /// Who approves.
-    #[arg(long)]
-    pub surgeon: Option<String>,
 }
 
 #[derive(Debug, Args)]

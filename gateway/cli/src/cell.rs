@@ -312,8 +312,8 @@ fn announce(cell: &Cell, output: &Output) {
          arthro case create knee --model {folder}/model.ply --lesion {folder}/lesion.ply   # prints CASE\n  \
          arthro case scene CASE --simulator {simulator}\n  \
          arthro case register CASE && arthro case accept CASE --operator you\n  \
-         arthro plan CASE --targets {folder}/targets.toml                                  # prints DIGEST\n  \
-         arthro plan CASE --approve DIGEST --surgeon you\n  \
+         arthro case plan CASE --targets {folder}/targets.toml                             # prints DIGEST\n  \
+         arthro case approve CASE --digest DIGEST --surgeon you\n  \
          arthro run CASE --operator you\n\n\
          ctrl-c ends everything"
     ));

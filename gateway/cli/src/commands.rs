@@ -13,13 +13,13 @@ use arthro_proto::gateway::v1::{
 use serde_json::json;
 
 use crate::arguments::{
-    Arguments, Bench, Case, Command, Plan, RecoveryName, SpaceName, StatedSpace, UnitName,
+    Arguments, Bench, Case, Command, PlanCase, RecoveryName, SpaceName, StatedSpace, UnitName,
 };
 use crate::cell::targets::Targets;
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::{bench, calibrate, cell, demo, reconstruct, register, scene};
+use crate::{bench, calibrate, cell, demo, evaluate, plan, reconstruct, register, scene};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -32,10 +32,11 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Serve(_) => Ok(()),
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
+        Command::Plan(arguments) => plan::run(*arguments, output).await,
+        Command::Evaluate(arguments) => evaluate::run(&arguments, output),
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
         Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
-        Command::Plan(plan) => run_plan(plan, &mut connect().await?, output).await,
         Command::Run(run) => {
             let mut gateway = connect().await?;
             let digest = match run.digest {
@@ -193,17 +194,21 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             output.line(show::case_state(&case));
             output.result(&show::case(&case));
         }
+        Case::Plan(plan) => plan_case(plan, gateway, output).await?,
+        Case::Approve {
+            case,
+            digest,
+            surgeon,
+        } => {
+            let case = gateway.approve(&case, &digest, &surgeon).await?;
+            output.line(show::case_state(&case));
+            output.result(&show::case(&case));
+        }
     }
     Ok(())
 }
 
-async fn run_plan(plan: Plan, gateway: &mut Gateway, output: &Output) -> Result<(), Failure> {
-    if let (Some(digest), Some(surgeon)) = (&plan.approve, &plan.surgeon) {
-        let case = gateway.approve(&plan.case, digest, surgeon).await?;
-        output.line(show::case_state(&case));
-        output.result(&show::case(&case));
-        return Ok(());
-    }
+async fn plan_case(plan: PlanCase, gateway: &mut Gateway, output: &Output) -> Result<(), Failure> {
     let targets = match (&plan.targets, plan.start, plan.goal, plan.target_box) {
         (Some(path), ..) => Targets::read(path)?,
         (None, Some(start), Some(goal), Some(target_box)) => Targets {

@@ -1,18 +1,23 @@
 //! `arthro`: the one binary people type.
 //!
 //! `arthro demo` performs a whole simulated meniscoplasty, `arthro up` keeps a simulated cell and all
-//! services running, and the other commands are clients of a gateway. Every command takes `--json`:
+//! services running; `register`, `plan`, `evaluate`, `reconstruct` and `calibrate` work on files in this
+//! process, and the other commands are clients of a gateway. Every command takes `--json`:
 //! the last line on standard output is then one JSON object. Exit codes are in [`exit`].
 
 mod arguments;
 mod bench;
+mod bites_file;
 mod calibrate;
 mod cell;
 mod commands;
 mod demo;
+mod drawing;
+mod evaluate;
 mod exit;
 mod gateway;
 mod output;
+mod plan;
 mod reconstruct;
 mod register;
 mod report;
