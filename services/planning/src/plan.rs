@@ -6,7 +6,6 @@ use arthro_geometry::{Mesh, Point3};
 
 use crate::band::Band;
 use crate::bites::{self, Access};
-use crate::contour::Spline;
 use crate::crescent::Crescent;
 use crate::error::Error;
 use crate::evaluation::{Evaluation, Task};
@@ -26,8 +25,6 @@ const VOLUME_MISMATCH: f64 = 0.3;
 const PORTAL_CLEARANCE_MM: f64 = 5.0;
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
-/// Path between two control points of the curve that smooths it, mm.
-const SMOOTHING_MM: f64 = 2.5;
 /// Distance between the points of a contour handed out, mm.
 const CONTOUR_SPACING_MM: f64 = 0.5;
 
@@ -169,8 +166,7 @@ pub fn plan(request: &Request, watch: Watch<'_>) -> Result<Plan, Error> {
         rim_min_mm: request.rim_min_mm,
         placement_error_mm,
     };
-    let along = smoothed(&path.points)?;
-    let bites = bites::choose(&task, &along, &access, |share| {
+    let bites = bites::choose(&task, &reference.spline, &access, |share| {
         report("bites", path.iterations, 0.4 + 0.5 * share)
     })?;
     if bites.is_empty() {
@@ -347,23 +343,6 @@ fn check_places(request: &Request, crescent: &Crescent, voxels: &Voxels) -> Resu
         ));
     }
     Ok(())
-}
-
-/// The curve that the RRT's points jitter about.
-fn smoothed(points: &[Point3]) -> Result<Spline, Error> {
-    const PIECES: usize = 4;
-    let length_mm: f64 = points
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]).norm())
-        .sum();
-    let mut dense: Vec<Point3> = Vec::with_capacity(points.len() * PIECES);
-    for pair in points.windows(2) {
-        let pieces = (0..PIECES).map(|piece| piece as f64 / PIECES as f64);
-        dense.extend(pieces.map(|share| pair[0] + (pair[1] - pair[0]) * share));
-    }
-    dense.extend(points.last());
-    let control_points = (length_mm / SMOOTHING_MM).ceil() as usize + 4;
-    Ok(Spline::fit(&dense, control_points.min(dense.len()))?)
 }
 
 fn go_on(flow: ControlFlow<()>) -> Result<(), Error> {
