@@ -106,7 +106,8 @@ impl Cost {
         for term in terms {
             let weight = match self {
                 Self::Corrected if weights >= WINDOW_MM => break,
-                Self::Corrected => term.way_mm,
+                // The oldest corner counts as far as it lies in the window.
+                Self::Corrected => term.way_mm.min(WINDOW_MM - weights),
                 Self::AsPrinted => 1.0,
             };
             sum += weight * term.cost_per_mm;

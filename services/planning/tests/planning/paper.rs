@@ -230,6 +230,24 @@ fn the_same_seed_gives_the_same_path_to_the_last_bit_and_another_seed_another() 
 }
 
 #[test]
+fn a_contour_that_differs_in_its_last_bits_has_the_same_path() {
+    let mut world = World::clicked();
+    let points = world.contour.points_every(0.5);
+    let shift = Vector3::new(3e-14, -5e-14, 2e-14);
+    let shifted: Vec<Point3> = points.iter().map(|point| point + shift).collect();
+    let contours = [points, shifted].map(|points| Spline::fit(&points, 30).unwrap());
+    for seed in 1..=50 {
+        let [path, other] = [0, 1].map(|which: usize| {
+            world.contour = contours[which].clone();
+            world.search(&corrected(seed)).unwrap().points
+        });
+        assert_eq!(path.len(), other.len(), "seed {seed}");
+        let apart = path.iter().zip(&other).map(|(a, b)| (a - b).norm());
+        assert!(apart.fold(0.0, f64::max) < 1e-9, "seed {seed}");
+    }
+}
+
+#[test]
 fn a_search_stops_when_told_to_and_within_its_iterations() {
     let world = World::torn();
     let hopeless = Search {
@@ -375,16 +393,36 @@ fn table_of_both_costs() {
         for cost_limit_per_mm in [0.5, 0.4, 0.3, 0.2, 0.1] {
             print_row(&world, &printed(cost_limit_per_mm, 0));
         }
+        for step_mm in [0.5, 2.0] {
+            let options = Search {
+                step_mm,
+                ..printed(0.4, 0)
+            };
+            print_row(&world, &options);
+        }
     }
     let world = World::clicked();
     let portal = world.portal();
     let spaced =
         paper::equally_spaced(&world.contour, paper::PAPERS_BITES, &portal, &Vector3::z()).unwrap();
     println!("39 on the contour: {:?}", world.score_band(&spaced));
-    for options in [corrected(1), printed(0.4, 1)] {
-        let path = world.search(&options).unwrap();
-        let bites = paper::bites(&path.points, &portal, &Vector3::z()).unwrap();
-        println!("{:?}: {:?}", options.cost, world.score_band(&bites));
+    for options in [corrected(0), printed(0.4, 0), printed(0.5, 0)] {
+        let scores = (1..=100).filter_map(|seed| {
+            let path = world.search(&Search { seed, ..options }).ok()?;
+            let bites = paper::bites(&path.points, &portal, &Vector3::z()).unwrap();
+            Some(world.score_band(&bites))
+        });
+        let scores: Vec<Evaluation> = scores.collect();
+        let mean =
+            |of: fn(&Evaluation) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        println!(
+            "{:?} {}: covered {:.1} %, outside {:.0} mm3, least rim {:.2} mm",
+            options.cost,
+            options.cost_limit_per_mm,
+            mean(|score| score.region_covered_percent),
+            mean(|score| score.outside_removed_mm3),
+            mean(|score| score.rim_min_mm),
+        );
     }
 }
 

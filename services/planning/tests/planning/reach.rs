@@ -22,6 +22,7 @@ mod knee;
 const JAW: Jaw = Jaw {
     width_mm: 3.0,
     length_mm: 4.5,
+    throat_mm: 1.0,
 };
 /// How much a facetted ball of radius 24 mm lies inside the true one, mm, at most.
 const FACET_MM: f64 = 0.05;

@@ -516,8 +516,11 @@ fn reach_options(case: &Request, opening_mm: f64) -> proto::CheckReachabilityOpt
     proto::CheckReachabilityOptions {
         model: Some(mesh_header(case)),
         opening_mm,
-        portals: vec![point(case.portal).unwrap()],
-        bites: vec![point(case.start).unwrap(), point(case.goal).unwrap()],
+        portals: vec![point(case.portals[0]).unwrap()],
+        bites: vec![
+            point(phantom::START).unwrap(),
+            point(phantom::GOAL).unwrap(),
+        ],
         jaw_length_mm: 4.5,
         ..Default::default()
     }

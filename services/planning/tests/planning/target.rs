@@ -104,7 +104,7 @@ fn every_meniscus_has_a_target_around_the_tear_in_its_body() {
 fn a_curve_drawn_in_slicer_is_the_target_in_whichever_axes_it_was_saved() {
     let request = papers_case();
     let (crescent, voxels) =
-        plan::model(&request.model, &request.portal, request.voxel_mm, 1.0).unwrap();
+        plan::model(&request.model, &request.portals[0], request.voxel_mm, 1.0).unwrap();
     let midline = Line::Midline
         .of(&crescent, &voxels)
         .unwrap()
