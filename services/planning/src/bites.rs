@@ -36,8 +36,8 @@ use search::Search;
 pub struct Rules {
     /// Share of the region that has to go, 0..1.
     pub region_share: f64,
-    /// How much may go outside it, mm3.
-    pub outside_limit_mm3: f64,
+    /// How much may go outside it, mm3: what is aimed at, and what is taken where that is too little.
+    pub outside_limits_mm3: [f64; 2],
     /// How much of a jaw's throat tissue may block when the bite is made, 0..1.
     pub throat_limit: f64,
     /// What to do where the region cannot be cleared.
@@ -156,13 +156,22 @@ pub fn choose(
         shortfall.lower(&mut problem);
     }
     hear(0.35, None, None)?;
+    // A tight limit first; what it does not allow may be allowed by the wide one.
+    let [tight_mm3, wide_mm3] = rules.outside_limits_mm3;
     let mut search = Search::of(&problem, *effort, patience);
-    if !search.start()? {
+    let mut started = search.start()?;
+    let wider;
+    if !started && wide_mm3 > tight_mm3 && patience() == Patience::GoOn {
+        wider = problem.with_outside_limit(wide_mm3, task);
+        search = Search::of(&wider, *effort, patience);
+        started = search.start()?;
+    }
+    if !started {
         if patience() != Patience::GoOn {
             return Err(Error::Deadline);
         }
         if rules.partial == Partial::Refuse {
-            return Err(shortfall::of_closest(&search.best, &problem, task));
+            return Err(shortfall::of_closest(&search.best, task));
         }
         complete = false;
     }

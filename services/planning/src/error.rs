@@ -5,6 +5,7 @@ use arthro_geometry::{Point3, volume};
 use tonic::Status;
 
 use crate::contour;
+use crate::reach::{Measure, Obstruction};
 use crate::server::view;
 use crate::view::Blind;
 
@@ -102,8 +103,8 @@ pub enum Error {
     /// Tissue that stays whatever is bitten: no bite that keeps box, rim and reach meets it, or the
     /// throat of every such bite stays blocked.
     #[error(
-        "{residual_mm3:.1} mm3 of the region around ({:.1}, {:.1}, {:.1}) mm stay whatever is bitten, the limit is {allowed_mm3:.1} mm3; {blocked_mm3:.1} mm3 of them because the jaw's throat stays blocked",
-        at.x, at.y, at.z
+        "{residual_mm3:.1} mm3 of the region around ({:.1}, {:.1}, {:.1}) mm stay whatever is bitten, the limit is {allowed_mm3:.1} mm3; {blocked_mm3:.1} mm3 of them because the jaw's throat stays blocked; possible with a region of at most {:.1} %, perhaps with another portal, or as a partial plan",
+        at.x, at.y, at.z, possible_percent
     )]
     UnreachableTissue {
         /// What stays, mm3.
@@ -112,12 +113,14 @@ pub enum Error {
         allowed_mm3: f64,
         /// Part of what stays for the sake of the throat, mm3.
         blocked_mm3: f64,
+        /// Share of the region that goes if everything that can be bitten is, percent.
+        possible_percent: f64,
         /// Its middle, in ct, mm.
         at: Point3,
     },
     /// No set of bites was found that clears the region and spares what lies outside it.
     #[error(
-        "no bites were found that leave at most {allowed_mm3:.1} mm3 of the region and take at most {outside_limit_mm3:.1} mm3 outside it: the closest {bites} leave {residual_mm3:.1} mm3 around ({:.1}, {:.1}, {:.1}) mm and take {outside_mm3:.1} mm3",
+        "no bites were found that leave at most {allowed_mm3:.1} mm3 of the region and take at most {outside_limit_mm3:.1} mm3 outside it: the closest {bites} leave {residual_mm3:.1} mm3 around ({:.1}, {:.1}, {:.1}) mm and take {outside_mm3:.1} mm3; perhaps possible with another portal, more effort, another limit, or as a partial plan",
         at.x, at.y, at.z
     )]
     RegionNotCleared {
@@ -133,6 +136,22 @@ pub enum Error {
         outside_limit_mm3: f64,
         /// Middle of what is left, in ct, mm.
         at: Point3,
+    },
+    /// Something is in the way of a planned bite.
+    #[error("bite {bite}: {obstruction}; {}", obstruction.cause.remedy())]
+    BiteObstructed {
+        /// Its position, from 0.
+        bite: usize,
+        /// What, in ct.
+        obstruction: Obstruction,
+    },
+    /// Something is in the way of every bite that could clear what stays.
+    #[error("{residual_mm3:.1} mm3 of the region cannot be reached: {obstruction}; {}", obstruction.cause.remedy())]
+    TissueObstructed {
+        /// What stays, mm3.
+        residual_mm3: f64,
+        /// What, in ct.
+        obstruction: Obstruction,
     },
     /// The arthroscope does not see a bite.
     #[error("the arthroscope: {0}")]
@@ -262,6 +281,7 @@ impl From<Error> for Status {
                 residual_mm3,
                 allowed_mm3,
                 blocked_mm3,
+                possible_percent,
                 at,
             } => status::refused(
                 "UNREACHABLE_TISSUE",
@@ -270,6 +290,7 @@ impl From<Error> for Status {
                     ("residual_mm3", mm(residual_mm3)),
                     ("allowed_mm3", mm(allowed_mm3)),
                     ("blocked_mm3", mm(blocked_mm3)),
+                    ("possible_percent", mm(possible_percent)),
                     ("x_mm", mm(at.x)),
                     ("y_mm", mm(at.y)),
                     ("z_mm", mm(at.z)),
@@ -296,9 +317,38 @@ impl From<Error> for Status {
                     ("z_mm", mm(at.z)),
                 ],
             ),
+            Error::BiteObstructed { bite, obstruction } => {
+                obstructed(message, ("bite", bite.to_string()), &obstruction)
+            }
+            Error::TissueObstructed {
+                residual_mm3,
+                obstruction,
+            } => obstructed(message, ("residual_mm3", mm(residual_mm3)), &obstruction),
             Error::Blind(blind) => view::refusal("options.arthroscope", &blind),
             Error::Deadline => Status::deadline_exceeded(message),
             Error::Cancelled => Status::cancelled(message),
         }
     }
+}
+
+/// A refusal by the reason word of what is in the way.
+fn obstructed(message: String, about: (&'static str, String), obstruction: &Obstruction) -> Status {
+    let number = |value: f64| format!("{value:.3}");
+    let at = &obstruction.at;
+    let mut metadata = vec![
+        about,
+        ("x_mm", number(at.x)),
+        ("y_mm", number(at.y)),
+        ("z_mm", number(at.z)),
+    ];
+    match obstruction.cause.measure() {
+        Some(Measure::Millimetres(value, limit)) => {
+            metadata.extend([("value_mm", number(value)), ("limit_mm", number(limit))]);
+        }
+        Some(Measure::Radians(value, limit)) => {
+            metadata.extend([("value_rad", number(value)), ("limit_rad", number(limit))]);
+        }
+        None => {}
+    }
+    status::refused(obstruction.cause.reason(), message, &metadata)
 }

@@ -1,5 +1,6 @@
 //! Plans a resection: voxels, target, bites, evaluation, in this order.
 
+mod approach;
 mod model;
 mod scoring;
 
@@ -16,10 +17,13 @@ use crate::evaluation::{Evaluation, Task};
 use crate::jaw::{Bite, Jaw};
 use crate::lesion::Lesion;
 use crate::paper::{self, Search};
+use crate::reach::{Clearance, Knee};
 use crate::target::{self, Target};
 use crate::tissue::THROAT_LIMIT;
 use crate::view::{self, Optics, View};
 use crate::voxels::Voxels;
+
+use approach::Approach;
 
 pub use model::model;
 pub use scoring::{EvaluationRequest, Given, evaluate};
@@ -28,9 +32,10 @@ pub use scoring::{EvaluationRequest, Given, evaluate};
 const MIN_REGION_MM3: f64 = 1.5;
 /// Distance between the points of a contour handed out, mm.
 const CONTOUR_SPACING_MM: f64 = 0.5;
-/// What may go outside the region if nothing is said: so much, and this share of the region, but no
-/// more than the last, mm3.
-const OUTSIDE_LIMIT: (f64, f64, f64) = (2.0, 0.04, 15.0);
+/// What is aimed at outside the region if nothing is said: so much, and this share of the region, mm3.
+const USUAL_OUTSIDE: (f64, f64) = (2.0, 0.04);
+/// What may go outside the region where that is too little, mm3.
+const MOST_OUTSIDE_MM3: f64 = 15.0;
 
 /// What is to be planned; all points in ct, mm.
 #[derive(Clone, Debug)]
@@ -59,6 +64,8 @@ pub struct Request {
     pub limits: Limits,
     /// Multiplies the search for fewer bites.
     pub effort: u32,
+    /// The joint around the meniscus, which the forceps' shaft keeps clear of; `None`: nothing is known.
+    pub knee: Option<Knee>,
     /// From where each bite is to be watched; `None`: no views are planned.
     pub arthroscope: Option<Arthroscope>,
     /// Same seed, same plan.
@@ -91,7 +98,8 @@ pub enum Planner {
 pub struct Limits {
     /// Share of the region that has to go, percent.
     pub region_percent: f64,
-    /// How much may go outside it, mm3; `None`: 2 mm3 and 4 % of the region, at most 15 mm3.
+    /// How much may go outside it, mm3; `None`: 2 mm3 and 4 % of the region, and up to 15 mm3 where
+    /// no bites keep that.
     pub outside_limit_mm3: Option<f64>,
     /// How far in the plane an executed bite may lie from the planned one and still the lesion must
     /// be covered, mm.
@@ -138,6 +146,8 @@ pub struct Planned {
     pub bite: Bite,
     /// Through which of the request's portals.
     pub portal: usize,
+    /// How much room the forceps' shaft has; `None` if nothing is known of the joint.
+    pub clearance: Option<Clearance>,
 }
 
 /// How good a choice of bites is.
@@ -218,8 +228,10 @@ pub fn plan(
         throat_limit: request.limits.throat_limit,
     };
     let region_mm3 = region_mm3(&task)?;
+    let approach = Approach::of(request, &task)?;
     let work = Work {
         request,
+        approach: &approach,
         task: &task,
         contour: &target.spline,
         placement_error_mm,
@@ -247,21 +259,23 @@ pub fn plan(
     let local: Vec<Bite> = bites.iter().map(|(_, bite)| *bite).collect();
     let mut evaluation = task.evaluate(&local);
     evaluation.rim_min_at = crescent.ct_from_meniscal * evaluation.rim_min_at;
-    let views = views(request, &task, &local, patience, watch)?;
+    let clearances = approach.clearances(&bites)?;
+    let views = views(request, &task, &approach, &local, patience, watch)?;
     let into_ct = |points: Vec<Point3>| {
         let points = points.into_iter();
         points
             .map(|point| crescent.ct_from_meniscal * point)
             .collect()
     };
-    let planned = |(portal, bite): &(usize, Bite)| Planned {
+    let planned = |((portal, bite), clearance): (&(usize, Bite), Option<Clearance>)| Planned {
         bite: target
             .meeting(bite, &task.jaw)
             .carried(&crescent.ct_from_meniscal),
         portal: *portal,
+        clearance,
     };
     Ok(Plan {
-        bites: bites.iter().map(planned).collect(),
+        bites: bites.iter().zip(clearances).map(planned).collect(),
         contour: into_ct(target.spline.points_every(CONTOUR_SPACING_MM)),
         path: into_ct(path),
         evaluation,
@@ -281,6 +295,7 @@ struct Bitten {
 struct Work<'a> {
     request: &'a Request,
     task: &'a Task<'a>,
+    approach: &'a Approach<'a>,
     contour: &'a Spline,
     placement_error_mm: Option<f64>,
     region_mm3: f64,
@@ -303,15 +318,19 @@ impl Work<'_> {
         let limits = &self.request.limits;
         let access = Access {
             portals: self.task.portals,
-            allowed: &|_, bite| self.in_box(&bite.center),
+            allowed: &|portal, bite| {
+                self.in_box(&bite.center) && self.approach.is_clear(portal, bite)
+            },
             rim_min_mm: self.request.contour_rules.rim_min_mm,
             placement_error_mm: self.placement_error_mm,
         };
-        let (base_mm3, share, most_mm3) = OUTSIDE_LIMIT;
-        let usual_mm3 = (base_mm3 + share * self.region_mm3).min(most_mm3);
+        let (base_mm3, share) = USUAL_OUTSIDE;
+        let usual_mm3 = (base_mm3 + share * self.region_mm3).min(MOST_OUTSIDE_MM3);
+        let usual_limits_mm3 = [usual_mm3, MOST_OUTSIDE_MM3];
+        let outside_limits_mm3 = limits.outside_limit_mm3.map(|limit_mm3| [limit_mm3; 2]);
         let rules = bites::Rules {
             region_share: limits.region_percent / 100.0,
-            outside_limit_mm3: limits.outside_limit_mm3.unwrap_or(usual_mm3),
+            outside_limits_mm3: outside_limits_mm3.unwrap_or(usual_limits_mm3),
             throat_limit: self.task.throat_limit,
             partial: limits.partial,
         };
@@ -328,7 +347,8 @@ impl Work<'_> {
             seed: self.request.seed,
             factor: self.request.effort,
         };
-        let chosen = bites::choose(self.task, &access, &rules, &effort, patience, &mut hear)?;
+        let chosen = bites::choose(self.task, &access, &rules, &effort, patience, &mut hear);
+        let chosen = chosen.map_err(|refusal| self.approach.explained(refusal))?;
         if chosen.bites.is_empty() {
             let region_mm3 = self.region_mm3;
             return Err(Error::NoBite { region_mm3 });
@@ -386,6 +406,7 @@ impl Work<'_> {
 fn views(
     request: &Request,
     task: &Task<'_>,
+    approach: &Approach<'_>,
     bites: &[Bite],
     patience: &(dyn Fn() -> Patience + Sync),
     watch: &mut dyn FnMut(Progress),
@@ -400,7 +421,7 @@ fn views(
         jaw: task.jaw,
         forceps_radius_mm: arthroscope.forceps_radius_mm,
         tissue: task.voxels,
-        bone_mm: &|_| f64::INFINITY,
+        bone_mm: &|shaft| approach.bone_mm(shaft),
         optics: &arthroscope.optics,
     };
     let views = view::plan(&scene, |share| {

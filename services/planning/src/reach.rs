@@ -10,6 +10,7 @@ mod bone;
 mod convert;
 mod field;
 mod joint;
+mod knee;
 mod limits;
 mod obstruction;
 mod shaft;
@@ -24,6 +25,7 @@ use limits::in_range;
 pub use bone::{Bone, Near};
 pub use field::{DistanceField, ERROR_MM, MARGIN_MM, MAX_SAMPLES, SPACING_MM};
 pub use joint::{Generic, Joint, Obstacle};
+pub use knee::{Knee, Popliteal};
 pub use limits::{KeepOut, Limits};
 pub use obstruction::{BoneName, Cause, Measure, Obstruction};
 pub use shaft::{Capsule, Shaft, shafts_mm};
@@ -73,9 +75,17 @@ impl Reach {
     /// # Errors
     /// When a bone, size or limit is not usable; names field, value and limit.
     pub fn of(joint: &Joint, shaft: Shaft, limits: Limits) -> Result<Self, Error> {
-        in_range("opening_mm", joint.opening_mm, -20.0..=50.0)?;
-        in_range("shaft.radius_mm", shaft.radius_mm, 0.25..=10.0)?;
-        in_range("shaft.length_mm", shaft.length_mm, 20.0..=500.0)?;
+        in_range("options.joint.opening_mm", joint.opening_mm, -20.0..=50.0)?;
+        in_range(
+            "options.joint.shaft_diameter_mm",
+            shaft.radius_mm,
+            0.25..=10.0,
+        )?;
+        in_range(
+            "options.joint.shaft_length_mm",
+            shaft.length_mm,
+            20.0..=500.0,
+        )?;
         in_range("shaft.ahead_mm", shaft.ahead_mm, 0.0..=20.0)?;
         in_range("shaft.slim_mm", shaft.slim_mm, 0.0..=40.0)?;
         let bone = |name, obstacle: &Option<Obstacle>| {
@@ -139,6 +149,15 @@ impl Reach {
     /// The shaft when it makes a bite.
     pub fn body(&self, bite: &Bite) -> Capsule {
         self.shaft.at(bite)
+    }
+
+    /// Distance of a shaft to the nearest bone in the opened joint, mm; infinite without bones.
+    pub fn bone_mm(&self, body: &Capsule) -> f64 {
+        let lowered = self.below_femur(body, self.opening_mm);
+        let femur_mm = self.femur.as_ref().map(|femur| femur.distance_mm(&lowered));
+        let tibia_mm = self.tibia.as_ref().map(|tibia| tibia.distance_mm(body));
+        let none = f64::INFINITY;
+        femur_mm.unwrap_or(none).min(tibia_mm.unwrap_or(none))
     }
 
     /// The femur as it was scanned.

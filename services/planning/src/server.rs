@@ -5,7 +5,9 @@
 
 mod answer;
 mod intake;
+pub(crate) mod joint;
 mod options;
+mod packed;
 mod reach;
 pub(crate) mod view;
 

@@ -92,6 +92,12 @@ impl Voxels {
         (0..grid.size[axis]).filter_map(move |layer| self.voxel_in(first + step * layer as f64))
     }
 
+    /// Index of the voxel of tissue that holds a point.
+    pub fn at(&self, point: &Point3) -> Option<usize> {
+        let grid = &self.solid.grid;
+        self.voxel_in((point - grid.origin) / grid.voxel_mm + Vector3::repeat(0.5))
+    }
+
     /// Index of the voxel at a position in cells from the grid's lowest corner.
     fn voxel_in(&self, position: Vector3) -> Option<usize> {
         let grid = &self.solid.grid;

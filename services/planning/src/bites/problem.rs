@@ -13,7 +13,7 @@ pub(super) const WHOLE_THROAT: u32 = 1 << 16;
 const DISPLACED_SHARE: f64 = 0.98;
 
 /// What has to be chosen from what.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Problem {
     /// How many voxels some candidate cuts: those of the region first, then the others.
     pub(super) voxels: usize,
@@ -41,7 +41,7 @@ pub(super) struct Problem {
 }
 
 /// One bite to choose.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Candidate {
     pub(super) bite: Bite,
     pub(super) portal: usize,
@@ -77,7 +77,6 @@ impl Problem {
         let undisplaced = lesion.count;
         let displaced = undisplaced * (DISPLACEMENTS - 1);
         let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;
-        let mm3 = |volume_mm3: f64| volume_mm3 / task.voxels.voxel_mm3();
         let whole = region.iter().filter(|inside| **inside).count();
         let candidates = poses
             .into_iter()
@@ -92,13 +91,28 @@ impl Problem {
             undisplaced,
             undisplaced_needed: undisplaced,
             displaced_needed: (DISPLACED_SHARE * displaced as f64).ceil() as usize,
-            outside_limit: mm3(rules.outside_limit_mm3).floor() as usize,
+            outside_limit: whole_voxels(rules.outside_limits_mm3[0], task),
             throat_limit,
             candidates,
             lesion: lesion.voxels(),
             of_model: numbers.voxels(),
         }
     }
+}
+
+impl Problem {
+    /// The same with another limit outside the region.
+    pub(super) fn with_outside_limit(&self, outside_limit_mm3: f64, task: &Task<'_>) -> Self {
+        Self {
+            outside_limit: whole_voxels(outside_limit_mm3, task),
+            ..self.clone()
+        }
+    }
+}
+
+/// How many voxels a volume holds.
+fn whole_voxels(volume_mm3: f64, task: &Task<'_>) -> usize {
+    (volume_mm3 / task.voxels.voxel_mm3()).floor() as usize
 }
 
 fn candidate(pose: Pose, numbers: &Numbers, lesion: &Numbers) -> Candidate {

@@ -48,6 +48,10 @@ impl<'a> Selection<'a> {
         }
     }
 
+    pub(super) fn problem(&self) -> &'a Problem {
+        self.problem
+    }
+
     /// Other voxels that are bitten.
     pub(super) fn outside(&self) -> usize {
         self.outside

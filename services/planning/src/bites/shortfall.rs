@@ -18,6 +18,8 @@ pub(super) struct Shortfall {
     at: Point3,
     /// Part of it that would be cut if its bites could be made: their throats stay blocked.
     blocked_mm3: f64,
+    /// Share of the region that does not stay, percent.
+    possible_percent: f64,
     region: usize,
     undisplaced: usize,
 }
@@ -72,6 +74,7 @@ pub(super) fn of(
         allowed_mm3: (1.0 - rules.region_share) * mm3(whole),
         at: task.crescent.ct_from_meniscal * middle(&residual),
         blocked_mm3: mm3(blocked.len()),
+        possible_percent: 100.0 * cleared as f64 / whole.max(1) as f64,
         region: cleared,
         undisplaced,
     })
@@ -83,6 +86,7 @@ impl Shortfall {
             residual_mm3: self.residual_mm3,
             allowed_mm3: self.allowed_mm3,
             blocked_mm3: self.blocked_mm3,
+            possible_percent: self.possible_percent,
             at: self.at,
         }
     }
@@ -96,7 +100,8 @@ impl Shortfall {
 
 /// The refusal where no set was found that clears enough and keeps the limits: what the closest one
 /// leaves and takes.
-pub(super) fn of_closest(closest: &Selection<'_>, problem: &Problem, task: &Task<'_>) -> Error {
+pub(super) fn of_closest(closest: &Selection<'_>, task: &Task<'_>) -> Error {
+    let problem = closest.problem();
     let mut stays = vec![false; task.voxels.centers().len()];
     for (number, voxel) in (0u32..).zip(&problem.of_model[..problem.region]) {
         stays[*voxel as usize] = !closest.is_bitten(number);

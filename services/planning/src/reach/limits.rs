@@ -57,18 +57,26 @@ impl Default for Limits {
 
 impl Limits {
     pub(super) fn checked(self) -> Result<Self, Error> {
-        in_range("options.limits.clearance_mm", self.clearance_mm, 0.0..=5.0)?;
         in_range(
-            "options.limits.max_opening_mm",
+            "options.joint.limits.clearance_mm",
+            self.clearance_mm,
+            0.0..=5.0,
+        )?;
+        in_range(
+            "options.joint.limits.max_opening_mm",
             self.max_opening_mm,
             0.0..=50.0,
         )?;
-        in_range("options.limits.portal_mm", self.portal_mm, 0.0..=10.0)?;
+        in_range("options.joint.limits.portal_mm", self.portal_mm, 0.0..=10.0)?;
         if let Some(tissue_mm) = self.tissue_mm {
-            in_range("options.limits.tissue_limit_mm", tissue_mm, 0.0..=200.0)?;
+            in_range(
+                "options.joint.limits.tissue_limit_mm",
+                tissue_mm,
+                0.0..=200.0,
+            )?;
         }
-        ordered("options.limits.elevation", &self.elevation_rad, "rad")?;
-        ordered("options.limits.insertion", &self.insertion_mm, "mm")?;
+        ordered("options.joint.limits.elevation", &self.elevation_rad, "rad")?;
+        ordered("options.joint.limits.insertion", &self.insertion_mm, "mm")?;
         for keep_out in &self.keep_outs {
             keep_out.check()?;
         }
@@ -183,7 +191,7 @@ impl KeepOut {
             return Ok(());
         }
         Err(Error::invalid(
-            "options.limits.keep_outs",
+            "options.joint.limits.keep_outs",
             format!("is {self:?}; must be finite, with a unit direction and sizes of 0 .. 1000 mm"),
         ))
     }

@@ -5,7 +5,7 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::planning::v1 as proto;
 
 use super::options::Contour;
-use super::view;
+use super::{joint, view};
 use crate::bites::Ended;
 use crate::contour::Spline;
 use crate::evaluation::Evaluation;
@@ -58,6 +58,12 @@ pub(super) fn plan(plan: &Plan, seconds: f64) -> proto::ResectionPlan {
         complete: plan.choice.is_none_or(|choice| choice.complete),
         ended: ended.into(),
         views: plan.views.iter().map(view::view).collect(),
+        clearances: plan
+            .bites
+            .iter()
+            .filter_map(|planned| planned.clearance.as_ref())
+            .map(joint::clearance)
+            .collect(),
     }
 }
 

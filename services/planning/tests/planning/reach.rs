@@ -356,7 +356,7 @@ fn unusable_bones_and_limits_are_refused_by_name() {
     assert!(matches!(
         refused,
         Error::Invalid {
-            field: "options.limits.clearance_mm",
+            field: "options.joint.limits.clearance_mm",
             ..
         }
     ));

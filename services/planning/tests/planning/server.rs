@@ -515,13 +515,20 @@ async fn a_contour_is_fitted_and_sampled_at_equal_distances() {
 fn reach_options(case: &Request, opening_mm: f64) -> proto::CheckReachabilityOptions {
     proto::CheckReachabilityOptions {
         model: Some(mesh_header(case)),
-        opening_mm,
+        joint: Some(opened(opening_mm)),
         portals: vec![point(case.portals[0]).unwrap()],
         bites: vec![
             point(phantom::START).unwrap(),
             point(phantom::GOAL).unwrap(),
         ],
         jaw_length_mm: 4.5,
+    }
+}
+
+/// A joint of which no bone was scanned.
+fn opened(opening_mm: f64) -> proto::JointOptions {
+    proto::JointOptions {
+        opening_mm,
         ..Default::default()
     }
 }
@@ -581,9 +588,9 @@ async fn a_reachability_question_that_cannot_be_right_is_refused_by_field() {
     bad.bites[1].x_mm = f64::INFINITY;
     let refusal = context.reach(reach_messages(&case, bad)).await.unwrap_err();
     let expected = [
-        "options.opening_mm",
         "options.jaw_length_mm",
         "options.bites[1].x_mm",
+        "options.joint.opening_mm",
     ];
     assert_eq!(violated_fields(&refusal), expected);
 
@@ -598,18 +605,24 @@ async fn a_reachability_question_that_cannot_be_right_is_refused_by_field() {
     let mut messages = reach_messages(&case, reach_options(&case, 8.0));
     messages.push(ReachPayload::Femur(common::MeshChunk::default()));
     let refusal = context.reach(messages).await.unwrap_err();
-    assert_eq!(violated_fields(&refusal), ["options.femur"]);
+    assert_eq!(violated_fields(&refusal), ["options.joint.femur"]);
 
     let mut steep = reach_options(&case, 8.0);
-    steep.limits = Some(proto::ReachLimits {
-        clearance_mm: Some(-1.0),
-        ..Default::default()
+    steep.joint = Some(proto::JointOptions {
+        limits: Some(proto::ReachLimits {
+            clearance_mm: Some(-1.0),
+            ..Default::default()
+        }),
+        ..opened(8.0)
     });
     let refusal = context
         .reach(reach_messages(&case, steep))
         .await
         .unwrap_err();
-    assert_eq!(violated_fields(&refusal), ["options.limits.clearance_mm"]);
+    assert_eq!(
+        violated_fields(&refusal),
+        ["options.joint.limits.clearance_mm"]
+    );
 }
 
 #[tokio::test]
@@ -622,7 +635,10 @@ async fn a_scanned_bone_in_the_way_is_named_with_its_triangle() {
         *vertex += arthro_geometry::phantom::SUPERIOR * 3.0;
     }
     let mut options = reach_options(&case, 8.0);
-    options.tibia = Some(mesh_header(&bone));
+    options.joint = Some(proto::JointOptions {
+        tibia: Some(mesh_header(&bone)),
+        ..opened(8.0)
+    });
     let mut messages = reach_messages(&case, options);
     messages.extend(model_chunks(&bone).into_iter().map(ReachPayload::Tibia));
     let answers = context.reach(messages).await.unwrap().answers;
@@ -641,9 +657,35 @@ async fn a_scanned_bone_in_the_way_is_named_with_its_triangle() {
         *vertex /= 1000.0;
     }
     let mut options = reach_options(&case, 8.0);
-    options.femur = Some(mesh_header(&metres));
+    options.joint = Some(proto::JointOptions {
+        femur: Some(mesh_header(&metres)),
+        ..opened(8.0)
+    });
     let mut messages = reach_messages(&case, options);
     messages.extend(model_chunks(&metres).into_iter().map(ReachPayload::Femur));
     let refusal = context.reach(messages).await.unwrap_err();
     assert_eq!(violated_fields(&refusal), ["femur"]);
+}
+
+#[tokio::test]
+async fn a_plan_keeps_clear_of_the_bones_or_says_how_far_the_joint_must_open() {
+    let mut context = Context::start().await;
+    let case = papers_case();
+    let mut asked = tear_options(&case);
+    asked.joint = Some(opened(8.0));
+    let events = context.plan(messages(asked.clone(), &case)).await.unwrap();
+    let Some(Event::Plan(plan)) = events.last() else {
+        panic!("{events:?}");
+    };
+    assert_eq!(plan.clearances.len(), plan.bites.len());
+    for room in &plan.clearances {
+        assert!(room.femur_mm >= 0.5 && room.tibia_mm >= 0.5, "{room:?}");
+    }
+
+    asked.joint = Some(opened(-6.0));
+    let refusal = context.refusal(messages(asked, &case)).await;
+    assert_eq!(refusal.code(), Code::FailedPrecondition);
+    let reason = status::reason(&refusal);
+    assert_eq!(reason.as_deref(), Some("JOINT_GAP_TOO_SMALL"), "{refusal}");
+    assert!(refusal.message().contains("open"), "{refusal}");
 }

@@ -32,6 +32,7 @@ pub fn papers_case() -> Request {
         planner: Planner::Bites,
         limits: Limits::default(),
         effort: 1,
+        knee: None,
         arthroscope: None,
         seed: 1,
     }

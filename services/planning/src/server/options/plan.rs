@@ -12,7 +12,7 @@ use crate::bites::Partial;
 use crate::contour::MIN_CONTROL_POINTS;
 use crate::paper::{Cost, Search};
 use crate::plan::{Limits, Planner, Request};
-use crate::server::view;
+use crate::server::{joint, view};
 use crate::target::{Aim, Rules};
 
 const TOLERANCE_MM: RangeInclusive<f64> = 0.1..=5.0;
@@ -58,14 +58,19 @@ pub(crate) fn read(options: &proto::PlanResectionOptions) -> Result<Request, Sta
         contour_rules,
         limits: limits(options, &mut check),
         effort: check.count("options.effort", options.effort, 1, MAX_EFFORT),
+        knee: None,
         arthroscope: None,
         seed: options.seed,
     };
+    let jaw_length_mm = request.jaw.length_mm;
+    let joint = options.joint.as_ref();
+    let knee = joint.map(|joint| joint::read(joint, jaw_length_mm, &mut check));
     let arthroscope = match &options.arthroscope {
         None => None,
         Some(given) => Some(view::read("options.arthroscope", given)?),
     };
     check.done(Request {
+        knee,
         arthroscope,
         ..request
     })
