@@ -4,19 +4,22 @@
 //! Each bite costs a trip of the forceps to the tray, so that their number comes first. [`poses`] are
 //! the bites to choose from; in [`problem`] they are sets of voxels, of which a partial cover is
 //! sought: enough of the region, all of the lesion, not too much outside, and for every bite a moment
-//! at which the throat of its jaw is free ([`order`]). A [`greedy`] choice comes first; then bite after
-//! bite is taken away and [`anneal`]ing seeks a set of the others from which nothing is missing, until
-//! it fails or the [`bound`] is met: the least number that the prices of the voxels allow. Among sets
-//! of this number the one is kept that takes least outside. All of it follows from the seed, on any
-//! number of threads; a deadline only ends it early.
+//! at which the throat of its jaw is free ([`order`]). A [`greedy`] choice comes first; then bites are
+//! taken away and [`anneal`]ing seeks a set of the others from which nothing is missing, until it
+//! fails or the [`bound`] is met: the least number that the prices of the voxels allow, or, for a few
+//! bites around a lesion, what the [`exhaustion`] of all sets leaves. What was found is moved by
+//! tenths of a millimetre ([`refine`]), which may spare one bite more. All of it follows from the
+//! seed, on any number of threads; a deadline only ends it early.
 
 mod anneal;
+mod attempts;
 mod bound;
 mod exhaustion;
 mod greedy;
 mod order;
 mod poses;
 mod problem;
+mod refine;
 mod search;
 mod selection;
 mod sequence;
@@ -28,7 +31,10 @@ use crate::error::Error;
 use crate::evaluation::Task;
 use crate::jaw::Bite;
 
+use attempts::Attempts;
+use poses::Ground;
 use problem::Problem;
+use refine::Refinement;
 use search::Search;
 
 /// What a set of bites has to keep.
@@ -81,7 +87,7 @@ pub struct Access<'a> {
 pub struct Chosen {
     /// In the order of execution, each with the index of its portal.
     pub bites: Vec<(usize, Bite)>,
-    /// No fewer bites of those considered can clear enough, in whatever order.
+    /// No fewer bites from the coarse grid of poses, 0.2 mm, can clear enough, in whatever order.
     pub bound: usize,
     /// Whether everything that was to go goes.
     pub complete: bool,
@@ -144,11 +150,12 @@ pub fn choose(
             Patience::Hurry | Patience::GoOn => Ok(()),
         }
     };
-    let poses = poses::over(task, &region, access, |share| hear(0.3 * share, None, None))?;
-    let lesion = access.placement_error_mm.map(|_| task.lesion);
-    let mut problem = Problem::of(poses, &region, lesion, task, rules);
+    let ground = Ground::of(task, &region, access);
+    let problem_of = |poses| Problem::of(poses, &ground, rules);
+    let poses = poses::over(&ground, |share| hear(0.3 * share, None, None))?;
+    let mut problem = problem_of(poses);
     let mut complete = true;
-    if let Some(shortfall) = shortfall::of(&problem, &region, task, rules) {
+    if let Some(shortfall) = shortfall::of(&problem, &ground, rules) {
         if rules.partial == Partial::Refuse {
             return Err(shortfall.refusal());
         }
@@ -156,18 +163,22 @@ pub fn choose(
         shortfall.lower(&mut problem);
     }
     hear(0.35, None, None)?;
+    let attempts = Attempts {
+        effort: *effort,
+        patience,
+    };
     // A tight limit first; what it does not allow may be allowed by the wide one.
     let [tight_mm3, wide_mm3] = rules.outside_limits_mm3;
-    let mut search = Search::of(&problem, *effort, patience);
+    let mut search = Search::of(&problem, attempts);
     let mut started = search.start()?;
     let wider;
-    if !started && wide_mm3 > tight_mm3 && patience() == Patience::GoOn {
+    if !started && wide_mm3 > tight_mm3 && attempts.go_on() {
         wider = problem.with_outside_limit(wide_mm3, task);
-        search = Search::of(&wider, *effort, patience);
+        search = Search::of(&wider, attempts);
         started = search.start()?;
     }
     if !started {
-        if patience() != Patience::GoOn {
+        if !attempts.go_on() {
             return Err(Error::Deadline);
         }
         if rules.partial == Partial::Refuse {
@@ -180,11 +191,25 @@ pub fn choose(
         let share = bound as f64 / bites as f64;
         hear(0.4 + 0.4 * share, Some(bites), Some(bound))?;
     }
-    search.polish()?;
+    let refinement = Refinement {
+        ground: &ground,
+        coarse: search.best.problem(),
+        problem: &problem_of,
+        attempts,
+    };
+    let mut places = search.best.places();
+    if let (Ended::Effort, Some(closest)) = (search.ended, &search.closest) {
+        places = refinement.fewer(closest, search.bound)?.unwrap_or(places);
+        hear(0.9, Some(places.len()), Some(search.bound))?;
+    }
+    let ended = match places.len() {
+        bites if bites <= search.bound => Ended::Optimal,
+        _ => search.ended,
+    };
     Ok(Chosen {
-        bites: sequence::of(&search.best.chosen, &problem, access.portals),
+        bites: refinement.best(&places)?,
         bound: search.bound,
         complete,
-        ended: search.ended,
+        ended,
     })
 }

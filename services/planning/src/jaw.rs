@@ -147,6 +147,17 @@ impl Cut {
             && offset.dot(&self.across).abs() <= self.half_width_mm
     }
 
+    /// Whether the prism may hold something of the upright line through a point at heights within
+    /// `height_mm` of its center; never false if it does.
+    pub fn may_meet(&self, on_line: &Point3, height_mm: f64) -> bool {
+        let offset = (on_line - self.center).xy();
+        let is_near = |axis: &Vector3, half_mm: f64| {
+            let off_mm = offset.dot(&axis.xy()).abs();
+            off_mm <= half_mm + height_mm * axis.z.abs()
+        };
+        is_near(&self.along, self.half_length_mm) && is_near(&self.across, self.half_width_mm)
+    }
+
     /// The middle of the jaw, mm.
     pub fn center(&self) -> &Point3 {
         &self.center

@@ -62,10 +62,13 @@ impl<'a> Tissue<'a> {
 /// The voxels of the whole tissue that a bite would cut, ascending.
 pub fn cut_voxels(cut: &Cut, voxels: &Voxels) -> Vec<u32> {
     let center = cut.center();
-    let reach_mm = cut.reach_mm(voxels.reach_mm() + center.z.abs());
+    let height_mm = voxels.reach_mm() + center.z.abs();
+    let centers = voxels.centers();
     voxels
-        .near(center.x, center.y, reach_mm)
-        .filter(|&voxel| cut.contains(&voxels.centers()[voxel]))
+        .columns_near(center.x, center.y, cut.reach_mm(height_mm))
+        .filter(|column| cut.may_meet(&centers[column.start], height_mm))
+        .flatten()
+        .filter(|&voxel| cut.contains(&centers[voxel]))
         .map(|voxel| voxel as u32)
         .collect()
 }

@@ -176,14 +176,23 @@ impl Voxels {
         })
     }
 
-    fn for_columns_near(&self, x: f64, y: f64, radius_mm: f64, mut visit: impl FnMut(&[Point3])) {
+    /// The columns of tissue within `radius_mm` (along each axis) of a place, as ranges of indices.
+    pub fn columns_near(
+        &self,
+        x: f64,
+        y: f64,
+        radius_mm: f64,
+    ) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
         let width = self.solid.grid.size[0];
         let (columns, rows) = self.window(x, y, radius_mm);
-        for column in rows.flat_map(|j| columns.clone().map(move |i| j * width + i)) {
-            let voxels = &self.centers[self.columns[column]..self.columns[column + 1]];
-            if !voxels.is_empty() {
-                visit(voxels);
-            }
+        let all = rows.flat_map(move |j| columns.clone().map(move |i| j * width + i));
+        let ranges = all.map(|column| self.columns[column]..self.columns[column + 1]);
+        ranges.filter(|column| !column.is_empty())
+    }
+
+    fn for_columns_near(&self, x: f64, y: f64, radius_mm: f64, mut visit: impl FnMut(&[Point3])) {
+        for column in self.columns_near(x, y, radius_mm) {
+            visit(&self.centers[column]);
         }
     }
 

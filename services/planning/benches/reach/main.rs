@@ -17,6 +17,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 const JAW: Jaw = Jaw {
     width_mm: 3.0,
     length_mm: 4.5,
+    throat_mm: 1.0,
 };
 const POSES: usize = 2000;
 

@@ -10,14 +10,12 @@ use rand_chacha::ChaCha8Rng;
 use super::problem::Problem;
 use super::selection::Selection;
 
-/// How far a bite is moved, in cells of the grid of poses.
-const NEAR_CELLS: i32 = 3;
+/// How far a bite is moved, in cells of the fine grid of poses.
+const NEAR_CELLS: i32 = 6;
 /// Share of the moves that go to where something is missing.
 const TO_THE_MISSING: f64 = 0.25;
 /// Draws of a voxel before nothing is taken to be missing.
 const DRAWS: usize = 24;
-/// First and last temperature, in voxels.
-const TEMPERATURES: [f64; 2] = [12.0, 0.2];
 
 /// Which candidates a bite can be moved to.
 pub(super) struct Moves {
@@ -32,17 +30,16 @@ impl Moves {
         let mut cutting = vec![Vec::new(); problem.region];
         for (index, candidate) in (0u32..).zip(&problem.candidates) {
             at.entry(candidate.cell).or_default().push(index);
-            for voxel in &candidate.cut[..candidate.inside] {
+            for voxel in candidate.inside() {
                 cutting[*voxel as usize].push(index);
             }
         }
-        let steps = -NEAR_CELLS..=NEAR_CELLS;
         let around = |[i, j]: [i32; 2]| {
-            let cells = steps
-                .clone()
-                .flat_map(|di| steps.clone().map(move |dj| (di, dj)));
-            let near = cells.filter_map(|(di, dj)| at.get(&[i + di, j + dj]));
-            near.flatten().copied().collect()
+            let rows = at.range([i - NEAR_CELLS, i32::MIN]..=[i + NEAR_CELLS, i32::MAX]);
+            let near = rows.filter(|([_, other], _)| (other - j).abs() <= NEAR_CELLS);
+            near.flat_map(|(_, candidates)| candidates)
+                .copied()
+                .collect()
         };
         let candidates = problem.candidates.iter();
         Self {
@@ -75,25 +72,35 @@ pub(super) enum Aim {
     Best,
 }
 
-/// Exchanges bites `steps` times, or fewer if the first complete set will do. `go_on` is asked now and
-/// then. Ends at the best set that was met.
+/// How an annealing goes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Schedule {
+    pub(super) aim: Aim,
+    /// First and last temperature, in voxels.
+    pub(super) temperatures: [f64; 2],
+    /// How many exchanges.
+    pub(super) steps: usize,
+}
+
+/// Exchanges bites, until the first complete set if that will do. `go_on` is asked now and then. Ends
+/// at the best set that was met.
 pub(super) fn run(
     selection: &mut Selection<'_>,
-    aim: Aim,
+    schedule: Schedule,
     moves: &Moves,
-    steps: usize,
     random: &mut ChaCha8Rng,
-    go_on: &(dyn Fn() -> bool + Sync),
+    go_on: &dyn Fn() -> bool,
 ) {
     /// Steps between two questions.
     const ASK_EVERY: usize = 256;
     if selection.chosen.is_empty() || moves.cutting.is_empty() {
         return;
     }
-    let [hot, cold] = match aim {
-        Aim::Complete => TEMPERATURES,
-        Aim::Best => [TEMPERATURES[0] / 4.0, TEMPERATURES[1]],
-    };
+    let Schedule {
+        aim,
+        temperatures: [hot, cold],
+        steps,
+    } = schedule;
     let mut energy = selection.energy(aim, f64::INFINITY);
     let mut best = (energy, selection.chosen.clone());
     for step in 0..steps {

@@ -10,11 +10,15 @@
 //! subgradient steps, whose length goes by the distance to where
 //! the best plan may be (Polyak 1969).
 
-use super::problem::Problem;
+use rayon::prelude::*;
+
+use super::problem::{Candidate, Problem};
 
 /// About how far the best plan is above the bound of equal prices.
 const GUESS: f64 = 1.7;
 const ROUNDS: usize = 300;
+/// Candidates that one thread takes at least.
+const SHARE: usize = 256;
 /// Rounds without a better bound after which the steps are halved.
 const PATIENCE: usize = 12;
 
@@ -97,14 +101,17 @@ impl Round {
             value += prices[voxel as usize];
             slope[voxel as usize] += 1.0;
         }
-        for candidate in &problem.candidates {
-            let inside = &candidate.cut[..candidate.inside];
-            let worth: f64 = inside.iter().map(|voxel| prices[*voxel as usize]).sum();
-            if worth > 1.0 {
-                value -= worth - 1.0;
-                for voxel in inside {
-                    slope[*voxel as usize] -= 1.0;
-                }
+        let worth = |candidate: &Candidate| -> f64 {
+            let inside = candidate.inside().iter();
+            inside.map(|voxel| prices[*voxel as usize]).sum()
+        };
+        let candidates = problem.candidates.par_iter();
+        let worths: Vec<f64> = candidates.with_min_len(SHARE).map(worth).collect();
+        let overpriced = problem.candidates.iter().zip(worths);
+        for (candidate, worth) in overpriced.filter(|(_, worth)| *worth > 1.0) {
+            value -= worth - 1.0;
+            for voxel in candidate.inside() {
+                slope[*voxel as usize] -= 1.0;
             }
         }
         Self { value, slope }

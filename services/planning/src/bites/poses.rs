@@ -1,10 +1,12 @@
-//! The bites to choose from: jaw poses on a grid over the region, through every portal.
+//! The bites to choose from: jaw poses on a grid over the region, through every portal, and
+//! on a finer one around those chosen.
 //!
 //! The shaft passes the portal, so that the place of the jaw fixes its long axis; the forceps turn
 //! about the shaft until the jaw opens towards superior, and the jaw stands in the middle of the
 //! height of the tissue that it cuts. A pose that cuts the rim that must be left or takes more than
 //! [`MAX_OUTSIDE_MM3`] outside the region is not offered, nor is one that the shaft cannot reach.
 
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use arthro_geometry::{Point3, Vector3};
@@ -18,8 +20,11 @@ use crate::tissue::{cut_voxels, throat_weights};
 
 /// The planned place and the directions in which an executed bite may lie off.
 pub(super) const DISPLACEMENTS: usize = 9;
-/// Distance between two poses, mm.
-const GRID_MM: f64 = 0.2;
+/// Distance between two places on the fine grid, mm.
+const FINE_MM: f64 = 0.1;
+/// Places of the fine grid from one of the coarse grid to the next: all poses are looked at there first.
+const COARSE: i32 = 2;
+const COARSE_MM: f64 = COARSE as f64 * FINE_MM;
 /// The most that one bite may take outside the region, mm3: half a millimetre along one of its edges.
 const MAX_OUTSIDE_MM3: f64 = 3.0;
 /// The least of the region that makes a bite worth considering, mm3.
@@ -35,66 +40,99 @@ pub(super) struct Pose {
     pub(super) bite: Bite,
     /// Through which portal the forceps come.
     pub(super) portal: usize,
-    /// Place on the grid of poses.
+    /// Place on the fine grid.
     pub(super) cell: [i32; 2],
     /// Voxels that it cuts, ascending.
     pub(super) cut: Vec<u32>,
     /// Voxels in its throat and the share of it that each blocks.
     pub(super) throat: Vec<(u32, f64)>,
-    /// Voxels of the lesion, and a bit for each displacement under which the bite covers them.
+    /// Points of the ground's lesion, and a bit for each displacement under which the bite covers them.
     pub(super) lesion: Vec<(u32, u32)>,
 }
 
-/// All poses for a region.
+/// A portal and a place on the fine grid.
+pub(super) type Place = (usize, [i32; 2]);
+
+/// All poses of the coarse grid.
 pub(super) fn over(
-    task: &Task<'_>,
-    region: &[bool],
-    access: &Access<'_>,
+    ground: &Ground<'_>,
     mut watch: impl FnMut(f64) -> Result<(), Error>,
 ) -> Result<Vec<Pose>, Error> {
-    let ground = Ground::of(task, region, access);
     let [low, high] = ground.cells();
     let rows: Vec<i32> = (low[0]..=high[0]).collect();
     let mut poses = Vec::new();
     for (done, rows) in rows.chunks(REPORT_EVERY).enumerate() {
-        let share = (done * REPORT_EVERY) as f64 / f64::from(high[0] - low[0] + 1);
-        watch(share)?;
-        let row = |i: &i32| -> Vec<Pose> {
-            let cells = (low[1]..=high[1]).map(|j| [*i, j]);
-            cells.flat_map(|cell| ground.at(cell)).collect()
-        };
-        // Collected in the order of the rows, whichever thread is done first.
-        poses.extend(
-            rows.par_iter()
-                .map(row)
-                .collect::<Vec<_>>()
-                .into_iter()
-                .flatten(),
-        );
+        watch((done * REPORT_EVERY) as f64 / f64::from(high[0] - low[0] + 1))?;
+        let places = rows.iter().flat_map(|i| {
+            let cells = (low[1]..=high[1]).map(move |j| [i * COARSE, j * COARSE]);
+            cells
+                .flat_map(|cell| (0..ground.access.portals.len()).map(move |portal| (portal, cell)))
+        });
+        poses.extend(at(ground, &places.collect::<Vec<_>>()));
     }
     Ok(poses)
 }
 
+/// The poses of the fine grid around some places, these included.
+pub(super) fn around(ground: &Ground<'_>, places: &[Place]) -> Vec<Pose> {
+    let steps = -COARSE..=COARSE;
+    let mut near: Vec<Place> = places
+        .iter()
+        .flat_map(|&(portal, [i, j])| {
+            let cells = steps
+                .clone()
+                .flat_map(move |di| (-COARSE..=COARSE).map(move |dj| [i + di, j + dj]));
+            cells.map(move |cell| (portal, cell))
+        })
+        .collect();
+    near.sort_unstable();
+    near.dedup();
+    at(ground, &near)
+}
+
+/// Those of some places that are poses, in their order, whichever thread is done first.
+fn at(ground: &Ground<'_>, places: &[Place]) -> Vec<Pose> {
+    places
+        .par_iter()
+        .filter_map(|place| ground.pose(*place))
+        .collect()
+}
+
 /// What poses are measured on.
-struct Ground<'a> {
-    task: &'a Task<'a>,
+pub(super) struct Ground<'a> {
+    pub(super) task: &'a Task<'a>,
     access: &'a Access<'a>,
-    region: &'a [bool],
+    pub(super) region: &'a [bool],
     /// Voxels of the rim that must be left.
     untouchable: Vec<bool>,
+    /// What must be covered wherever the bites land; empty if nothing needs that care.
+    lesion: Vec<Point3>,
 }
 
 impl<'a> Ground<'a> {
-    fn of(task: &'a Task<'a>, region: &'a [bool], access: &'a Access<'a>) -> Self {
+    pub(super) fn of(task: &'a Task<'a>, region: &'a [bool], access: &'a Access<'a>) -> Self {
         Self {
             task,
             access,
             region,
             untouchable: untouchable(task, access.rim_min_mm),
+            lesion: match access.placement_error_mm {
+                Some(_) => thinned(task),
+                None => Vec::new(),
+            },
         }
     }
 
-    /// Lowest and highest cell from which a jaw meets the region.
+    /// What must be covered wherever the bites land.
+    pub(super) fn lesion(&self) -> &[Point3] {
+        &self.lesion
+    }
+
+    pub(super) fn portals(&self) -> &'a [Point3] {
+        self.access.portals
+    }
+
+    /// Lowest and highest cell of the coarse grid from which a jaw meets the region.
     fn cells(&self) -> [[i32; 2]; 2] {
         let task = self.task;
         let reach_mm = 0.5 * task.jaw.length_mm.hypot(task.jaw.width_mm);
@@ -107,19 +145,14 @@ impl<'a> Ground<'a> {
             }
         }
         [
-            low.map(|value| (value / GRID_MM).ceil() as i32),
-            high.map(|value| (value / GRID_MM).floor() as i32),
+            low.map(|value| (value / COARSE_MM).ceil() as i32),
+            high.map(|value| (value / COARSE_MM).floor() as i32),
         ]
     }
 
-    fn at(&self, cell: [i32; 2]) -> impl Iterator<Item = Pose> {
-        let portals = 0..self.access.portals.len();
-        portals.filter_map(move |portal| self.pose(cell, portal))
-    }
-
-    fn pose(&self, cell: [i32; 2], portal: usize) -> Option<Pose> {
+    fn pose(&self, (portal, cell): Place) -> Option<Pose> {
         let Task { voxels, jaw, .. } = self.task;
-        let [x, y] = cell.map(|count| f64::from(count) * GRID_MM);
+        let [x, y] = cell.map(|count| f64::from(count) * FINE_MM);
         let (_, sought) = self.bite(portal, Point3::new(x, y, 0.0))?;
         let height_mm = self.middle_mm(&sought)?;
         let (bite, cut) = self.bite(portal, Point3::new(x, y, height_mm))?;
@@ -160,30 +193,32 @@ impl<'a> Ground<'a> {
     }
 
     fn lesion_cut(&self, bite: &Bite) -> Vec<(u32, u32)> {
-        let Task {
-            voxels,
-            jaw,
-            lesion,
-            ..
-        } = self.task;
-        let Some(error_mm) = self.access.placement_error_mm else {
-            return Vec::new();
-        };
+        let error_mm = self.access.placement_error_mm.unwrap_or_default();
         let ways: [Cut; DISPLACEMENTS] = std::array::from_fn(|way| {
             let angle = TAU * way as f64 / (DISPLACEMENTS - 1) as f64;
             let length_mm = if way == 0 { 0.0 } else { error_mm };
             let by = Vector3::new(angle.cos(), angle.sin(), 0.0) * length_mm;
-            bite.displaced(&by).cut(jaw)
+            bite.displaced(&by).cut(&self.task.jaw)
         });
-        let reach_mm = ways[0].reach_mm(voxels.reach_mm() + bite.center.z.abs()) + error_mm;
-        let near = voxels.near(bite.center.x, bite.center.y, reach_mm);
-        let hits = near.filter(|&voxel| lesion.marks[voxel]).map(|voxel| {
-            let center = &voxels.centers()[voxel];
-            let covering = |(way, cut): (usize, &Cut)| u32::from(cut.contains(center)) << way;
-            (voxel as u32, ways.iter().enumerate().map(covering).sum())
+        let hits = (0u32..).zip(&self.lesion).map(|(index, point)| {
+            let covering = |(way, cut): (usize, &Cut)| u32::from(cut.contains(point)) << way;
+            (index, ways.iter().enumerate().map(covering).sum())
         });
         hits.filter(|(_, ways)| *ways != 0).collect()
     }
+}
+
+/// The points of a lesion, of several in one cell of half a voxel the first: so fine a grid tells as
+/// much as a finer one.
+fn thinned(task: &Task<'_>) -> Vec<Point3> {
+    let cell_mm = 0.5 * task.voxels.voxel_mm();
+    let mut seen = BTreeSet::new();
+    let points = task.lesion.points.iter();
+    let new = points.filter(|point| {
+        let cell = point.coords.map(|value| (value / cell_mm).floor() as i64);
+        seen.insert([cell.x, cell.y, cell.z])
+    });
+    new.copied().collect()
 }
 
 /// Voxels of the rim that must be left.

@@ -2,10 +2,9 @@
 //! there are to choose from.
 
 use super::Rules;
-use super::poses::{DISPLACEMENTS, Pose};
+use super::poses::{DISPLACEMENTS, Ground, Place, Pose};
 use crate::evaluation::Task;
 use crate::jaw::Bite;
-use crate::lesion::Lesion;
 
 /// A whole throat; in integers sums do not depend on their order.
 pub(super) const WHOLE_THROAT: u32 = 1 << 16;
@@ -21,7 +20,7 @@ pub(super) struct Problem {
     pub(super) region: usize,
     /// How many of the region have to go.
     pub(super) region_needed: usize,
-    /// Places of the lesion: each of its voxels where it is, and displaced.
+    /// Places of the lesion: each of its points where it is, and displaced.
     pub(super) places: usize,
     /// The first places are the lesion where it is.
     pub(super) undisplaced: usize,
@@ -34,8 +33,6 @@ pub(super) struct Problem {
     /// How much of a throat may be blocked.
     pub(super) throat_limit: u32,
     pub(super) candidates: Vec<Candidate>,
-    /// The voxels of the lesion in the model, in the order of their places.
-    pub(super) lesion: Vec<u32>,
     /// The voxels in the model.
     pub(super) of_model: Vec<u32>,
 }
@@ -45,7 +42,7 @@ pub(super) struct Problem {
 pub(super) struct Candidate {
     pub(super) bite: Bite,
     pub(super) portal: usize,
-    /// Place on the grid of poses.
+    /// Place on the fine grid of poses.
     pub(super) cell: [i32; 2],
     /// Voxels that it cuts; those of the region first.
     pub(super) cut: Vec<u32>,
@@ -61,26 +58,17 @@ pub(super) struct Candidate {
 
 impl Problem {
     /// The problem of clearing `region` with `poses`. A pose whose throat nobody can free is left out.
-    /// All of `lesion` has to go.
-    pub(super) fn of(
-        poses: Vec<Pose>,
-        region: &[bool],
-        lesion: Option<&Lesion>,
-        task: &Task<'_>,
-        rules: &Rules,
-    ) -> Self {
+    /// All of the ground's lesion has to go.
+    pub(super) fn of(poses: Vec<Pose>, ground: &Ground<'_>, rules: &Rules) -> Self {
+        let Ground { task, region, .. } = *ground;
         let numbers = Numbers::of(&poses, region);
-        let lesion = match lesion {
-            Some(lesion) => Numbers::of_marks(&lesion.marks),
-            None => Numbers::of_marks(&vec![false; region.len()]),
-        };
-        let undisplaced = lesion.count;
+        let undisplaced = ground.lesion().len();
         let displaced = undisplaced * (DISPLACEMENTS - 1);
         let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;
         let whole = region.iter().filter(|inside| **inside).count();
         let candidates = poses
             .into_iter()
-            .map(|pose| candidate(pose, &numbers, &lesion))
+            .map(|pose| candidate(pose, &numbers, undisplaced as u32))
             .filter(|candidate| candidate.blocked <= throat_limit)
             .collect();
         Self {
@@ -94,7 +82,6 @@ impl Problem {
             outside_limit: whole_voxels(rules.outside_limits_mm3[0], task),
             throat_limit,
             candidates,
-            lesion: lesion.voxels(),
             of_model: numbers.voxels(),
         }
     }
@@ -108,6 +95,29 @@ impl Problem {
             ..self.clone()
         }
     }
+
+    /// The same with the limits of another.
+    pub(super) fn with_limits_of(self, other: &Self) -> Self {
+        Self {
+            region_needed: other.region_needed,
+            undisplaced_needed: other.undisplaced_needed,
+            displaced_needed: other.displaced_needed,
+            outside_limit: other.outside_limit,
+            ..self
+        }
+    }
+}
+
+impl Candidate {
+    /// The voxels of the region that it cuts.
+    pub(super) fn inside(&self) -> &[u32] {
+        &self.cut[..self.inside]
+    }
+
+    /// Where it is among all poses.
+    pub(super) fn place(&self) -> Place {
+        (self.portal, self.cell)
+    }
 }
 
 /// How many voxels a volume holds.
@@ -115,7 +125,7 @@ fn whole_voxels(volume_mm3: f64, task: &Task<'_>) -> usize {
     (volume_mm3 / task.voxels.voxel_mm3()).floor() as usize
 }
 
-fn candidate(pose: Pose, numbers: &Numbers, lesion: &Numbers) -> Candidate {
+fn candidate(pose: Pose, numbers: &Numbers, undisplaced: u32) -> Candidate {
     let mut cut: Vec<u32> = pose
         .cut
         .iter()
@@ -132,12 +142,9 @@ fn candidate(pose: Pose, numbers: &Numbers, lesion: &Numbers) -> Candidate {
         }
     }
     let mut places = Vec::new();
-    for (voxel, ways) in pose.lesion {
-        let Some(number) = lesion.of_voxel(voxel) else {
-            continue;
-        };
+    for (point, ways) in pose.lesion {
         let covered = (0..DISPLACEMENTS as u32).filter(|way| ways & (1 << way) != 0);
-        places.extend(covered.map(|way| way * lesion.count as u32 + number));
+        places.extend(covered.map(|way| way * undisplaced + point));
     }
     Candidate {
         bite: pose.bite,

@@ -1,25 +1,18 @@
 //! Fewer and fewer bites, until no set of them is found or the bound is met.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
-
-use super::anneal::{self, Aim, Moves};
+use super::anneal::Moves;
+use super::attempts::{Attempts, Outcome, Start};
 use super::exhaustion::{self, Exhaustion};
 use super::order::{self, Gone};
 use super::problem::Problem;
 use super::selection::Selection;
-use super::{Effort, Ended, Patience, bound, greedy};
+use super::{Ended, bound, greedy};
 use crate::error::Error;
 
-/// Annealings of one number of bites before it is given up; they run side by side.
-const ATTEMPTS: usize = 4;
-/// Exchanges of one annealing for each bite of the set.
-const STEPS_A_BITE: usize = 4_000;
 /// How many bites more than the greedy choice are tried where that misses something.
-const MORE_BITES: usize = 6;
+const MORE_BITES: u64 = 6;
+/// So far from what failed, the next number tried is one less instead of half way.
+const CLOSE: usize = 9;
 
 /// A search under way.
 pub(super) struct Search<'a> {
@@ -27,10 +20,11 @@ pub(super) struct Search<'a> {
     moves: Moves,
     /// What each voxel of the region is worth.
     prices: Vec<f64>,
-    effort: Effort,
-    patience: &'a (dyn Fn() -> Patience + Sync),
+    attempts: Attempts<'a>,
     /// The best set so far.
     pub(super) best: Selection<'a>,
+    /// The set of one bite fewer from which least is missing, once it was sought in vain.
+    pub(super) closest: Option<Selection<'a>>,
     /// The least number of bites possible.
     pub(super) bound: usize,
     /// So many bites, or fewer, were tried in vain.
@@ -39,20 +33,16 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn of(
-        problem: &'a Problem,
-        effort: Effort,
-        patience: &'a (dyn Fn() -> Patience + Sync),
-    ) -> Self {
+    pub(super) fn of(problem: &'a Problem, attempts: Attempts<'a>) -> Self {
         let bound = bound::of(problem);
         Self {
             best: greedy::choose(problem, &bound.prices),
-            prices: bound.prices.clone(),
+            closest: None,
+            bound: bound.whole().max(1),
+            prices: bound.prices,
             moves: Moves::of(problem),
             problem,
-            effort,
-            patience,
-            bound: bound.whole().max(1),
+            attempts,
             failed: 0,
             ended: Ended::Effort,
         }
@@ -60,24 +50,18 @@ impl<'a> Search<'a> {
 
     /// Completes the greedy choice; whether that succeeds.
     pub(super) fn start(&mut self) -> Result<bool, Error> {
-        for _ in 0..=MORE_BITES {
+        for more in 0..=MORE_BITES {
             if self.best.is_complete() {
                 return Ok(true);
             }
-            let tried = self.anneal(&self.best.clone())?;
-            let complete = tried.iter().position(|(complete, _)| *complete);
-            let by_shortage = |a: &usize, b: &usize| {
-                let of = |index: usize| tried[index].1.shortage();
-                of(*a).total_cmp(&of(*b))
-            };
-            let closest = (0..tried.len()).min_by(by_shortage);
-            if let Some(index) = complete.or(closest) {
-                self.best = tried[index].1.clone();
+            match self.sought(&self.best, 1_000 + more)? {
+                Outcome::Complete(set) => {
+                    self.best = set;
+                    return Ok(true);
+                }
+                Outcome::Closest(set) => self.best = set,
             }
-            if complete.is_some() {
-                return Ok(true);
-            }
-            if (self.patience)() != Patience::GoOn {
+            if !self.attempts.go_on() {
                 return Ok(false);
             }
             let Some(candidate) = self.helpful() else {
@@ -88,13 +72,6 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// The bite that brings most after all that can be made.
-    fn helpful(&self) -> Option<usize> {
-        let mut gone = Gone::nothing(self.problem);
-        order::of(&self.best.chosen, self.problem, &mut gone);
-        greedy::best(self.problem, &self.prices, &self.best, &gone)
-    }
-
     /// Seeks a set of fewer bites; whether there is more to try.
     pub(super) fn improve(&mut self) -> Result<bool, Error> {
         self.drop_idle();
@@ -103,7 +80,7 @@ impl<'a> Search<'a> {
             self.ended = Ended::Optimal;
             return Ok(false);
         }
-        match exhaustion::of(self.problem, bites - 1, &self.go_on()) {
+        match exhaustion::of(self.problem, bites - 1, &|| self.attempts.go_on()) {
             Exhaustion::Found(chosen) => {
                 self.best.replace(&chosen);
                 return Ok(true);
@@ -113,28 +90,45 @@ impl<'a> Search<'a> {
                 self.ended = Ended::Optimal;
                 return Ok(false);
             }
-            Exhaustion::TooMany => self.not_stopped()?,
+            Exhaustion::TooMany => self.attempts.not_stopped()?,
         }
-        // Half way between what is known and what failed, or the bound.
         let failed = self.failed.max(self.bound - 1);
-        let step = (bites - failed) / 2;
-        if step == 0 {
-            return Ok(false);
+        let fewer = match bites - failed {
+            ..=1 => return Ok(false),
+            2..=CLOSE => bites - 1,
+            apart => bites - apart / 2,
+        };
+        let mut set = self.best.clone();
+        while set.chosen.len() > fewer {
+            set.remove(set.least_useful());
         }
-        let mut fewer = self.best.clone();
-        for _ in 0..step {
-            fewer.remove(fewer.least_useful());
+        match self.sought(&set, fewer as u64)? {
+            Outcome::Complete(set) => {
+                self.best = set;
+                self.closest = None;
+            }
+            Outcome::Closest(set) => {
+                self.failed = fewer;
+                self.closest = Some(set);
+            }
         }
-        let mut tried = self.anneal(&fewer)?.into_iter();
-        match tried.find(|(complete, _)| *complete) {
-            Some((_, set)) => self.best = set,
-            None => self.failed = bites - step,
-        }
-        if (self.patience)() != Patience::GoOn {
+        if !self.attempts.go_on() {
             self.ended = Ended::Deadline;
             return Ok(false);
         }
         Ok(true)
+    }
+
+    fn sought(&self, set: &Selection<'a>, round: u64) -> Result<Outcome<'a>, Error> {
+        self.attempts
+            .complete(set, &self.moves, Start::Anywhere, round)
+    }
+
+    /// The bite that brings most after all that can be made.
+    fn helpful(&self) -> Option<usize> {
+        let mut gone = Gone::nothing(self.problem);
+        order::of(&self.best.chosen, self.problem, &mut gone);
+        greedy::best(self.problem, &self.prices, &self.best, &gone)
     }
 
     /// Takes out bites that nothing needs.
@@ -147,72 +141,5 @@ impl<'a> Search<'a> {
             }
             self.best = fewer;
         }
-    }
-
-    /// Makes the best of the number found.
-    pub(super) fn polish(&mut self) -> Result<(), Error> {
-        let mut random = self.random(0);
-        let go_on = self.go_on();
-        let steps = self.steps(self.best.chosen.len());
-        anneal::run(
-            &mut self.best,
-            Aim::Best,
-            &self.moves,
-            steps,
-            &mut random,
-            &go_on,
-        );
-        self.not_stopped()
-    }
-
-    /// Anneals a set several times; in the order of the attempts, whether each completes it.
-    fn anneal(&self, set: &Selection<'a>) -> Result<Vec<(bool, Selection<'a>)>, Error> {
-        let first = AtomicUsize::new(usize::MAX);
-        let attempt = |attempt: usize| {
-            // Once an attempt succeeds, those after it do not count.
-            let go_on =
-                || first.load(Ordering::Relaxed) > attempt && (self.patience)() == Patience::GoOn;
-            let mut set = set.clone();
-            let mut random = self.random(1 + attempt as u64 + (ATTEMPTS * set.chosen.len()) as u64);
-            let steps = self.steps(set.chosen.len());
-            anneal::run(
-                &mut set,
-                Aim::Complete,
-                &self.moves,
-                steps,
-                &mut random,
-                &go_on,
-            );
-            let complete = set.is_complete();
-            if complete {
-                first.fetch_min(attempt, Ordering::Relaxed);
-            }
-            (complete, set)
-        };
-        let tried = (0..ATTEMPTS).into_par_iter().map(attempt).collect();
-        self.not_stopped()?;
-        Ok(tried)
-    }
-
-    fn steps(&self, bites: usize) -> usize {
-        STEPS_A_BITE * bites * self.effort.factor.max(1) as usize
-    }
-
-    fn go_on(&self) -> impl Fn() -> bool + Sync + 'a {
-        let patience = self.patience;
-        move || patience() == Patience::GoOn
-    }
-
-    fn not_stopped(&self) -> Result<(), Error> {
-        match (self.patience)() {
-            Patience::Stop => Err(Error::Cancelled),
-            _ => Ok(()),
-        }
-    }
-
-    fn random(&self, stream: u64) -> ChaCha8Rng {
-        let mut random = ChaCha8Rng::seed_from_u64(self.effort.seed);
-        random.set_stream(stream);
-        random
     }
 }

@@ -2,6 +2,7 @@
 
 use super::anneal::Aim;
 use super::order::{self, Gone};
+use super::poses::Place;
 use super::problem::{Problem, WHOLE_THROAT};
 
 /// What a place of the lesion that stays counts, in voxels: clearing the lesion is what it is for.
@@ -46,6 +47,26 @@ impl<'a> Selection<'a> {
             displaced: 0,
             gone: Gone::nothing(problem),
         }
+    }
+
+    /// The candidates at some places; a place without one is left out.
+    pub(super) fn of(places: &[Place], problem: &'a Problem) -> Self {
+        let mut selection = Self::empty(problem);
+        for place in places {
+            let mut candidates = problem.candidates.iter();
+            if let Some(candidate) = candidates.position(|other| other.place() == *place) {
+                selection.add(candidate);
+            }
+        }
+        selection
+    }
+
+    /// Where the chosen ones are among all poses.
+    pub(super) fn places(&self) -> Vec<Place> {
+        let chosen = self.chosen.iter();
+        chosen
+            .map(|candidate| self.problem.candidates[*candidate].place())
+            .collect()
     }
 
     pub(super) fn problem(&self) -> &'a Problem {

@@ -4,6 +4,7 @@ use arthro_geometry::{Point3, Vector3};
 
 use super::Rules;
 use super::order::{self, Gone};
+use super::poses::Ground;
 use super::problem::Problem;
 use super::selection::Selection;
 use crate::error::Error;
@@ -25,12 +26,8 @@ pub(super) struct Shortfall {
 }
 
 /// What stays of the region, if that is more than the rules allow.
-pub(super) fn of(
-    problem: &Problem,
-    region: &[bool],
-    task: &Task<'_>,
-    rules: &Rules,
-) -> Option<Shortfall> {
+pub(super) fn of(problem: &Problem, ground: &Ground<'_>, rules: &Rules) -> Option<Shortfall> {
+    let Ground { task, region, .. } = *ground;
     let all: Vec<usize> = (0..problem.candidates.len()).collect();
     let mut gone = Gone::nothing(problem);
     let order = order::of(&all, problem, &mut gone);
@@ -51,8 +48,11 @@ pub(super) fn of(
         }
     }
     let undisplaced = covered.iter().filter(|covered| **covered).count();
-    for (voxel, covered) in problem.lesion.iter().zip(&covered) {
-        stays[*voxel as usize] |= !covered;
+    let uncovered = ground.lesion().iter().zip(&covered);
+    for (point, _) in uncovered.filter(|(_, covered)| !**covered) {
+        if let Some(voxel) = task.voxels.at(point) {
+            stays[voxel] = true;
+        }
     }
     if cleared >= problem.region_needed && undisplaced >= problem.undisplaced_needed {
         return None;
