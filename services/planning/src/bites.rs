@@ -19,11 +19,11 @@ mod greedy;
 mod order;
 mod poses;
 mod problem;
+mod reachable;
 mod refine;
 mod search;
 mod selection;
 mod sequence;
-mod shortfall;
 
 use arthro_geometry::Point3;
 
@@ -34,6 +34,7 @@ use crate::jaw::Bite;
 use attempts::Attempts;
 use poses::Ground;
 use problem::Problem;
+use reachable::Reachable;
 use refine::Refinement;
 use search::Search;
 
@@ -155,13 +156,15 @@ pub fn choose(
     let poses = poses::over(&ground, |share| hear(0.3 * share, None, None))?;
     let mut problem = problem_of(poses);
     let mut complete = true;
-    if let Some(shortfall) = shortfall::of(&problem, &ground, rules) {
+    let reachable = Reachable::of(&problem);
+    if let Some(refusal) = reachable.refusal(&problem, &ground, rules) {
         if rules.partial == Partial::Refuse {
-            return Err(shortfall.refusal());
+            return Err(refusal);
         }
         complete = false;
-        shortfall.lower(&mut problem);
+        reachable.lower(&mut problem);
     }
+    reachable.settle(&mut problem);
     hear(0.35, None, None)?;
     let attempts = Attempts {
         effort: *effort,
@@ -182,7 +185,7 @@ pub fn choose(
             return Err(Error::Deadline);
         }
         if rules.partial == Partial::Refuse {
-            return Err(shortfall::of_closest(&search.best, task));
+            return Err(reachable::of_closest(&search.best, task));
         }
         complete = false;
     }

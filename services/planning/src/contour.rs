@@ -11,6 +11,9 @@ use crate::banded::Banded;
 const DEGREE: usize = 3;
 /// Fewest control points of a cubic.
 pub const MIN_CONTROL_POINTS: usize = DEGREE + 1;
+/// Parts of a piece, each searched for a foot point: where the curve turns back sharply a piece has
+/// several.
+const FEET: usize = 4;
 /// Pieces of a knot span between which the arc length is tabulated.
 const PIECES: usize = 8;
 /// Steps to a foot point; halving alone would take so many.
@@ -205,7 +208,6 @@ impl Spline {
     /// The parameter of the point of the curve that is nearest to `point`.
     pub fn nearest(&self, point: &Point3) -> f64 {
         let squared = |at: f64| (self.point(at) - point).norm_squared();
-        // A piece this short hardly has two foot points.
         let ends: Vec<(f64, f64)> = self
             .lengths
             .iter()
@@ -219,9 +221,14 @@ impl Spline {
         let pieces = ends
             .windows(2)
             .filter(|pair| pair[0].1.min(pair[1].1) <= limit);
-        let feet = pieces.map(|pair| {
-            let at = self.foot(point, pair[0].0, pair[1].0);
-            (at, squared(at))
+        let feet = pieces.flat_map(|pair| {
+            let (from, to) = (pair[0].0, pair[1].0);
+            let width = (to - from) / FEET as f64;
+            (0..FEET).map(move |part| {
+                let from = from + width * part as f64;
+                let at = self.foot(point, from, from + width);
+                (at, squared(at))
+            })
         });
         let nearest = feet
             .chain(ends.iter().copied())

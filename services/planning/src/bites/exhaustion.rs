@@ -26,7 +26,10 @@ pub(super) enum Exhaustion {
 /// Looks at all sets of `bites` candidates; `go_on` is asked at every node.
 pub(super) fn of(problem: &Problem, bites: usize, go_on: &dyn Fn() -> bool) -> Exhaustion {
     // Without a lesion nothing narrows the first branches.
-    if !(1..=MAX_BITES).contains(&bites) || problem.undisplaced_needed == 0 {
+    if !(1..=MAX_BITES).contains(&bites)
+        || problem.lesion_needed[0] < problem.lesion
+        || problem.lesion == 0
+    {
         return Exhaustion::TooMany;
     }
     let bits = Bits::of(problem);
@@ -55,7 +58,7 @@ impl Bits {
     fn of(problem: &Problem) -> Self {
         let region = problem.region.div_ceil(64);
         let outside = region + (problem.voxels - problem.region).div_ceil(64);
-        let words = outside + problem.undisplaced.div_ceil(64);
+        let words = outside + problem.lesion.div_ceil(64);
         let bits = problem.candidates.iter().map(|candidate| {
             let mut bits = vec![0u64; words];
             let mut set = |bit: usize| bits[bit / 64] |= 1 << (bit % 64);
@@ -67,7 +70,7 @@ impl Bits {
                 });
             }
             let undisplaced = candidate.places.iter().map(|place| *place as usize);
-            for place in undisplaced.filter(|place| *place < problem.undisplaced) {
+            for place in undisplaced.filter(|place| *place < problem.lesion) {
                 set(64 * outside + place);
             }
             bits
@@ -163,7 +166,7 @@ impl Tree<'_> {
         let is_left =
             |place: &usize| bitten[self.bits.outside + place / 64] >> (place % 64) & 1 == 0;
         let all = 0..self.problem.candidates.len();
-        let covering = (0..self.problem.undisplaced).filter(is_left).map(|place| {
+        let covering = (0..self.problem.lesion).filter(is_left).map(|place| {
             let covering = all
                 .clone()
                 .filter(|candidate| self.bits.covers(*candidate, place));

@@ -20,14 +20,11 @@ pub(super) struct Problem {
     pub(super) region: usize,
     /// How many of the region have to go.
     pub(super) region_needed: usize,
-    /// Places of the lesion: each of its points where it is, and displaced.
-    pub(super) places: usize,
-    /// The first places are the lesion where it is.
-    pub(super) undisplaced: usize,
-    /// How many of these have to go.
-    pub(super) undisplaced_needed: usize,
-    /// How many of the others have to go.
-    pub(super) displaced_needed: usize,
+    /// Points of the lesion. Its places are all of them where they are, then all of them displaced one
+    /// way, and so on.
+    pub(super) lesion: usize,
+    /// How many of them have to go under each displacement; the first is none.
+    pub(super) lesion_needed: [usize; DISPLACEMENTS],
     /// How many voxels outside the region may go.
     pub(super) outside_limit: usize,
     /// How much of a throat may be blocked.
@@ -62,23 +59,21 @@ impl Problem {
     pub(super) fn of(poses: Vec<Pose>, ground: &Ground<'_>, rules: &Rules) -> Self {
         let Ground { task, region, .. } = *ground;
         let numbers = Numbers::of(&poses, region);
-        let undisplaced = ground.lesion().len();
-        let displaced = undisplaced * (DISPLACEMENTS - 1);
+        let lesion = ground.lesion().len();
+        let displaced = (DISPLACED_SHARE * lesion as f64).ceil() as usize;
         let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;
         let whole = region.iter().filter(|inside| **inside).count();
         let candidates = poses
             .into_iter()
-            .map(|pose| candidate(pose, &numbers, undisplaced as u32))
+            .map(|pose| candidate(pose, &numbers, lesion as u32))
             .filter(|candidate| candidate.blocked <= throat_limit)
             .collect();
         Self {
             voxels: numbers.count,
             region: numbers.inside,
             region_needed: (rules.region_share * whole as f64).ceil() as usize,
-            places: undisplaced + displaced,
-            undisplaced,
-            undisplaced_needed: undisplaced,
-            displaced_needed: (DISPLACED_SHARE * displaced as f64).ceil() as usize,
+            lesion,
+            lesion_needed: std::array::from_fn(|way| if way == 0 { lesion } else { displaced }),
             outside_limit: whole_voxels(rules.outside_limits_mm3[0], task),
             throat_limit,
             candidates,
@@ -100,8 +95,7 @@ impl Problem {
     pub(super) fn with_limits_of(self, other: &Self) -> Self {
         Self {
             region_needed: other.region_needed,
-            undisplaced_needed: other.undisplaced_needed,
-            displaced_needed: other.displaced_needed,
+            lesion_needed: other.lesion_needed,
             outside_limit: other.outside_limit,
             ..self
         }
@@ -125,7 +119,7 @@ fn whole_voxels(volume_mm3: f64, task: &Task<'_>) -> usize {
     (volume_mm3 / task.voxels.voxel_mm3()).floor() as usize
 }
 
-fn candidate(pose: Pose, numbers: &Numbers, undisplaced: u32) -> Candidate {
+fn candidate(pose: Pose, numbers: &Numbers, lesion: u32) -> Candidate {
     let mut cut: Vec<u32> = pose
         .cut
         .iter()
@@ -144,7 +138,7 @@ fn candidate(pose: Pose, numbers: &Numbers, undisplaced: u32) -> Candidate {
     let mut places = Vec::new();
     for (point, ways) in pose.lesion {
         let covered = (0..DISPLACEMENTS as u32).filter(|way| ways & (1 << way) != 0);
-        places.extend(covered.map(|way| way * undisplaced + point));
+        places.extend(covered.map(|way| way * lesion + point));
     }
     Candidate {
         bite: pose.bite,

@@ -2,11 +2,11 @@
 
 use super::anneal::Aim;
 use super::order::{self, Gone};
-use super::poses::Place;
+use super::poses::{DISPLACEMENTS, Place};
 use super::problem::{Problem, WHOLE_THROAT};
 
-/// What a place of the lesion that stays counts, in voxels: clearing the lesion is what it is for.
-const LESION_WEIGHT: f64 = 3.0;
+/// What a point of the lesion that stays under a displacement counts, in voxels.
+const LESION_WEIGHT: f64 = 1.0;
 /// What a voxel too much outside the region counts.
 const OUTSIDE_WEIGHT: f64 = 1.5;
 /// What a whole blocked throat counts, in voxels.
@@ -15,8 +15,6 @@ const THROAT_WEIGHT: f64 = 60.0;
 const SHORTAGE_WEIGHT: f64 = 1000.0;
 /// What a voxel of the region that is left counts beside one outside that goes.
 const LEFT_WEIGHT: f64 = 0.5;
-/// What a displaced place of the lesion that stays counts, in voxels.
-const DISPLACED_WEIGHT: f64 = 0.2;
 
 /// Chosen candidates.
 #[derive(Clone, Debug)]
@@ -29,8 +27,8 @@ pub(super) struct Selection<'a> {
     covered: Vec<u16>,
     region: usize,
     outside: usize,
-    undisplaced: usize,
-    displaced: usize,
+    /// How many points of the lesion are covered under each displacement.
+    lesion: [usize; DISPLACEMENTS],
     gone: Gone,
 }
 
@@ -40,11 +38,10 @@ impl<'a> Selection<'a> {
             problem,
             chosen: Vec::new(),
             bitten: vec![0; problem.voxels],
-            covered: vec![0; problem.places],
+            covered: vec![0; problem.lesion * DISPLACEMENTS],
             region: 0,
             outside: 0,
-            undisplaced: 0,
-            displaced: 0,
+            lesion: [0; DISPLACEMENTS],
             gone: Gone::nothing(problem),
         }
     }
@@ -148,12 +145,7 @@ impl<'a> Selection<'a> {
         for place in &candidate.places {
             let covered = &mut self.covered[*place as usize];
             if *covered == 0 {
-                let undisplaced = (*place as usize) < self.problem.undisplaced;
-                *(if undisplaced {
-                    &mut self.undisplaced
-                } else {
-                    &mut self.displaced
-                }) += 1;
+                self.lesion[*place as usize / self.problem.lesion] += 1;
             }
             *covered += 1;
         }
@@ -177,12 +169,7 @@ impl<'a> Selection<'a> {
             let covered = &mut self.covered[*place as usize];
             *covered -= 1;
             if *covered == 0 {
-                let undisplaced = (*place as usize) < self.problem.undisplaced;
-                *(if undisplaced {
-                    &mut self.undisplaced
-                } else {
-                    &mut self.displaced
-                }) -= 1;
+                self.lesion[*place as usize / self.problem.lesion] -= 1;
             }
         }
     }
@@ -214,9 +201,10 @@ impl<'a> Selection<'a> {
     pub(super) fn shortage(&self) -> f64 {
         let problem = self.problem;
         let missing = |needed: usize, have: usize| needed.saturating_sub(have) as f64;
+        let lesion = problem.lesion_needed.iter().zip(self.lesion);
+        let lesion: f64 = lesion.map(|(needed, have)| missing(*needed, have)).sum();
         missing(problem.region_needed, self.region)
-            + LESION_WEIGHT * missing(problem.undisplaced_needed, self.undisplaced)
-            + DISPLACED_WEIGHT * missing(problem.displaced_needed, self.displaced)
+            + LESION_WEIGHT * lesion
             + OUTSIDE_WEIGHT * missing(self.outside, problem.outside_limit)
     }
 
