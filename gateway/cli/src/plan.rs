@@ -43,7 +43,10 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
     let is_generic = arguments.region.portal.is_empty() && model.source == files::Source::Surface;
     let asked = Asked::read(&arguments, model)?;
     if is_generic {
-        output.note("no portal is given; taken are those of a generic knee");
+        let [x, y, z] = <[f64; 3]>::from(asked.request.portals[0]);
+        output.note(format!(
+            "no portal is given; taken is that of a generic knee at {x:.1},{y:.1},{z:.1}"
+        ));
     }
     let answer = answer(&asked, arguments.deadline_s, output).await?;
     let list = &answer.list;
