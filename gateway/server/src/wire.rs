@@ -208,6 +208,7 @@ pub fn bite_message(bite: &Bite) -> planning::Bite {
         approach: Some(direction_message(&bite.approach)),
         opening: Some(direction_message(&bite.opening)),
         contour_point: Some(point_message(&bite.contour_point)),
+        portal: 0,
     }
 }
 
@@ -216,6 +217,7 @@ pub fn jaw_message(jaw: &Jaw) -> planning::Jaw {
     planning::Jaw {
         width_mm: jaw.width_mm,
         length_mm: jaw.length_mm,
+        throat_mm: None,
     }
 }
 

@@ -121,7 +121,7 @@ impl Summary {
 
     /// The last line of `arthro demo --json`.
     pub fn json(&self) -> Value {
-        let evaluation = self.plan.evaluation.unwrap_or_default();
+        let evaluation = self.plan.evaluation.clone().unwrap_or_default();
         json!({
             "model": self.source,
             "seed": self.seed,

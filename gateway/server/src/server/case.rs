@@ -375,7 +375,7 @@ impl CaseApi {
         let model = self.cases.packed_model(&case_id).await?;
         let evaluation = self.clients.planning.evaluate(options, model).await?;
         message.bites = request.bites;
-        message.evaluation = Some(evaluation);
+        message.evaluation = Some(evaluation.clone());
         let plan = wire::plan(&message, plan.jaw)?;
         let case = self.cases.keep_plan(&case_id, case.revision, plan).await?;
         Ok((case, evaluation))
