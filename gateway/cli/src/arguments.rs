@@ -13,7 +13,7 @@ pub use local::{
     Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
     Reconstruct, Register,
 };
-pub use planning::{Evaluate, Pictures, Plan, Region, ScenarioName};
+pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
 
 /// An arthroscopic robot system for meniscoplasty.
 ///

@@ -2,14 +2,16 @@
 //!
 //! ```json
 //! {"format": "arthro-bites/1", "space": "LPS", "unit": "mm",
-//!  "jaw": {"width_mm": 3.0, "length_mm": 4.5},
+//!  "jaw": {"width_mm": 3.0, "length_mm": 4.5, "throat_mm": 1.0},
 //!  "portals": [[62, 12, 94.5]],
 //!  "contour": [[53, 48, 61], [53, 49, 60]],
 //!  "lesion": {"spacing_mm": 0.5, "points": [[53, 57, 50]]},
-//!  "bites": [{"center_mm": [53, 57, 50], "long_axis": [-0.2, 0.7, -0.7], "opening": [1, 0.2, 0], "portal": 0}]}
+//!  "bites": [{"center_mm": [53, 57, 50], "long_axis": [-0.2, 0.7, -0.7], "opening": [1, 0.2, 0], "portal": 0}],
+//!  "views": [{"tip_mm": [58, 50, 55], "approach": [-0.2, 0.8, -0.6], "optical_axis": [-0.6, 0.5, -0.6], "roll_rad": 0,
+//!             "depth_mm": 40, "distance_mm": 10, "occluded_percent": 0}]}
 //! ```
 //!
-//! The order of the bites is the order of the list. Only `bites`, `space` and `unit` must be there, the latter two in the
+//! The order of the bites is the order of the list, and each view watches the bite of its place in it. Only `bites`, `space` and `unit` must be there, the latter two in the
 //! file or on the command line. RAS is turned into LPS on the way in.
 
 use std::path::Path;
@@ -17,16 +19,17 @@ use std::path::Path;
 use arthro_geometry::stated::{Space, Stated, Unit};
 use arthro_geometry::{Point3, Vector3};
 use arthro_planning::jaw::{Bite, Jaw};
-use serde::{Deserialize, Serialize};
 
 use crate::arguments::StatedSpace;
 use crate::commands::{read, stated};
 use crate::exit::Failure;
 
+mod entries;
 mod problem;
 #[cfg(test)]
 mod tests;
 
+use entries::{Entry, File, JawEntry, LesionEntry, ViewEntry};
 use problem::Problem;
 
 const FORMAT: &str = "arthro-bites/1";
@@ -34,7 +37,7 @@ const FORMAT: &str = "arthro-bites/1";
 const MAX_BYTES: u64 = 64 << 20;
 /// Most entries of each list.
 const MAX_BITES: usize = 1_000;
-const MAX_PORTALS: usize = 16;
+pub const MAX_PORTALS: usize = 16;
 pub const MAX_CONTOUR: usize = 10_000;
 pub const MAX_LESION: usize = 1_000_000;
 /// Coordinates of a CT, mm.
@@ -49,6 +52,7 @@ const MIN_ACROSS: f64 = 0.17;
 /// Sizes that a jaw may have, mm.
 pub const JAW_WIDTH_MM: std::ops::RangeInclusive<f64> = 0.5..=10.0;
 pub const JAW_LENGTH_MM: std::ops::RangeInclusive<f64> = 0.5..=20.0;
+const THROAT_MM: std::ops::RangeInclusive<f64> = 0.1..=10.0;
 /// Distances that the points of a lesion may have, mm.
 pub const LESION_SPACING_MM: std::ops::RangeInclusive<f64> = 0.1..=2.0;
 
@@ -65,6 +69,8 @@ pub struct BitesFile {
     pub lesion: Option<LesionPoints>,
     /// In the order of execution.
     pub bites: Vec<ListedBite>,
+    /// How the arthroscope watches each bite; empty if that is not planned.
+    pub views: Vec<ListedView>,
 }
 
 /// Damaged tissue as points on a grid.
@@ -87,6 +93,25 @@ pub struct ListedBite {
     pub opening: Option<Vector3>,
     /// Index of the portal it comes through, if known.
     pub portal: Option<usize>,
+}
+
+/// How the arthroscope watches one bite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ListedView {
+    /// Where the shaft ends, mm.
+    pub tip: Point3,
+    /// Unit direction along the shaft, out of the tip.
+    pub approach: Vector3,
+    /// Unit direction of the middle of the image.
+    pub optical_axis: Vector3,
+    /// Turn of the optics about the shaft.
+    pub roll_rad: f64,
+    /// From the portal to the tip, mm.
+    pub depth_mm: f64,
+    /// From the tip to the middle of the jaw, mm.
+    pub distance_mm: f64,
+    /// Share of the jaw's footprint that is hidden, percent.
+    pub occluded_percent: f64,
 }
 
 impl ListedBite {
@@ -125,34 +150,23 @@ impl BitesFile {
 
     /// Writes the list, in LPS and mm.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
-        let entries = self.bites.iter().map(|bite| {
-            serde_json::to_value(Entry {
-                center_mm: bite.center.into(),
-                long_axis: bite.long_axis.into(),
-                opening: bite.opening.map(<[f64; 3]>::from),
-                portal: bite.portal,
-            })
-        });
         let unwritable = |error: &dyn std::fmt::Display| {
             Failure::refused("FILE_UNWRITABLE", format!("{}: {error}", path.display()))
         };
+        let entries = self.bites.iter();
+        let entries = entries.map(|bite| serde_json::to_value(Entry::from(bite)));
         let file = File {
             format: Some(FORMAT.to_owned()),
             space: Some("LPS".to_owned()),
             unit: Some("mm".to_owned()),
-            jaw: self.jaw.map(|jaw| JawEntry {
-                width_mm: jaw.width_mm,
-                length_mm: jaw.length_mm,
-            }),
+            jaw: self.jaw.map(JawEntry::from),
             portals: self.portals.iter().map(|point| (*point).into()).collect(),
             contour: self.contour.iter().map(|point| (*point).into()).collect(),
-            lesion: self.lesion.as_ref().map(|lesion| LesionEntry {
-                spacing_mm: lesion.spacing_mm,
-                points: lesion.points.iter().map(|point| (*point).into()).collect(),
-            }),
+            lesion: self.lesion.as_ref().map(LesionEntry::from),
             bites: entries
                 .collect::<Result<_, _>>()
                 .map_err(|error| unwritable(&error))?,
+            views: self.views.iter().map(ViewEntry::from).collect(),
         };
         let text = serde_json::to_vec(&file).map_err(|error| unwritable(&error))?;
         std::fs::write(path, text).map_err(|error| unwritable(&error))
@@ -185,6 +199,11 @@ impl BitesFile {
                 ));
             }
         }
+        let (bites, views) = (file.bites.len(), file.views.len());
+        if views > 0 && views != bites {
+            let problem = format!("are {views}; must be one for each of the {bites} bites");
+            return Err(Problem::new("views", problem));
+        }
         let lesion = file.lesion.map(|lesion| {
             check("lesion.spacing_mm", lesion.spacing_mm, &LESION_SPACING_MM)?;
             Ok(LesionPoints {
@@ -193,69 +212,20 @@ impl BitesFile {
             })
         });
         let portals = points("portals", &file.portals, &factors)?;
-        let bites = file.bites.into_iter().enumerate();
+        let (bites, views) = (file.bites.into_iter(), file.views.iter());
         Ok(Self {
             jaw: file.jaw.map(JawEntry::checked).transpose()?,
             contour: points("contour", &file.contour, &factors)?,
             lesion: lesion.transpose()?,
             bites: bites
+                .enumerate()
                 .map(|(index, entry)| bite(index, entry, &factors, portals.len()))
                 .collect::<Result<_, _>>()?,
+            views: views
+                .enumerate()
+                .map(|(index, view)| view.checked(index, &factors))
+                .collect::<Result<_, _>>()?,
             portals,
-        })
-    }
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    format: Option<String>,
-    space: Option<String>,
-    unit: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    jaw: Option<JawEntry>,
-    #[serde(default)]
-    portals: Vec<[f64; 3]>,
-    #[serde(default)]
-    contour: Vec<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    lesion: Option<LesionEntry>,
-    /// Read one by one, so that an error tells which.
-    bites: Vec<serde_json::Value>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct JawEntry {
-    width_mm: f64,
-    length_mm: f64,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LesionEntry {
-    spacing_mm: f64,
-    points: Vec<[f64; 3]>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    center_mm: [f64; 3],
-    long_axis: [f64; 3],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    opening: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    portal: Option<usize>,
-}
-
-impl JawEntry {
-    fn checked(self) -> Result<Jaw, Problem> {
-        check("jaw.width_mm", self.width_mm, &JAW_WIDTH_MM)?;
-        check("jaw.length_mm", self.length_mm, &JAW_LENGTH_MM)?;
-        Ok(Jaw {
-            width_mm: self.width_mm,
-            length_mm: self.length_mm,
         })
     }
 }

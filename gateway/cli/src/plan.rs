@@ -1,19 +1,20 @@
 //! `arthro plan MODEL`: decides which bites leave a smooth crescent, in this process, from files.
 
-use std::ops::ControlFlow;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
-use serde_json::json;
+use arthro_planning::bites::Ended;
+use arthro_planning::plan::{Choice, Progress};
+use serde_json::{Value, json};
 
 use crate::arguments::{Pictures, Plan};
-use crate::bites_file::BitesFile;
+use crate::bites_file::{BitesFile, ListedView};
 use crate::commands::show;
 use crate::drawing;
-use crate::exit::Failure;
+use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
 pub mod files;
+pub mod marks;
 pub mod picture;
 pub mod request;
 pub mod scenario;
@@ -23,7 +24,7 @@ pub mod site;
 
 use files::Model;
 use picture::Picture;
-use request::Asked;
+use request::{Answer, Asked, Deadline};
 use score::Score;
 
 /// Pixels of a PNG for a millimetre.
@@ -39,95 +40,170 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
         return Ok(());
     };
     let model = Model::read(path, arguments.stated)?;
+    let is_generic = arguments.region.portal.is_empty() && model.source == files::Source::Surface;
     let asked = Asked::read(&arguments, model)?;
-    if arguments.region.portal.is_empty() && asked.model.source == files::Source::Surface {
-        let [x, y, z] = <[f64; 3]>::from(asked.portals[0]);
-        output.note(format!(
-            "no portal is given; taken is that of a generic knee at {x:.1},{y:.1},{z:.1}"
-        ));
+    if is_generic {
+        output.note("no portal is given; taken are those of a generic knee");
     }
-    let began = Instant::now();
-    let until = arguments
-        .deadline_s
-        .map(|deadline_s| began + Duration::from_secs_f64(deadline_s));
-    let bar = output.progress("planning", 100);
-    let shown = bar.clone();
-    let work = asked.clone();
-    let computed = tokio::task::spawn_blocking(move || {
-        work.plan(|stage, share| {
-            shown.set_position((100.0 * share) as u64);
-            shown.set_message(stage.to_owned());
-            match until {
-                Some(until) if Instant::now() >= until => ControlFlow::Break(()),
-                _ => ControlFlow::Continue(()),
-            }
-        })
-    });
-    let planned = computed
-        .await
-        .map_err(|error| Failure::failed("COMPUTATION_FAILED", error))?;
-    bar.finish_and_clear();
-    // Nothing but the deadline ends the work early.
-    let list = planned.map_err(|failure| match failure.reason.as_str() {
-        "CANCELLED" => too_late(&arguments),
-        _ => failure,
-    })?;
-    let seconds = began.elapsed().as_secs_f64();
-    let score = Score::of(&asked.model.mesh, &list, asked.voxel_mm)?;
+    let answer = answer(&asked, arguments.deadline_s, output).await?;
+    let list = &answer.list;
+    let score = Score::of(&asked.request.model, list, asked.request.voxel_mm)?;
     if let Some(path) = &arguments.out {
         list.write(path)?;
     }
     let title = match arguments.region.scenario {
-        Some(name) => format!("{}: {name:?}", asked.model.name).to_lowercase(),
-        None => asked.model.name.clone(),
+        Some(name) => format!("{}: {name:?}", asked.name).to_lowercase(),
+        None => asked.name.clone(),
     };
-    draw(
-        &arguments.pictures,
-        &title,
-        &list,
-        &score,
-        Some(asked.rim_min_mm),
-    )?;
+    let rim_min_mm = Some(asked.request.contour_rules.rim_min_mm);
+    let headline = match answer.choice {
+        Some(choice) if !choice.complete => format!("partial   {}", score.line()),
+        _ => score.line(),
+    };
+    let page = Page {
+        title: &title,
+        headline: &headline,
+        rim_min_mm,
+    };
+    page.draw(&arguments.pictures, list, &score)?;
     let mut value = score.json();
-    value["seconds"] = json!(seconds);
+    value["seconds"] = json!(answer.seconds);
+    value["choice"] = choice(answer.choice.as_ref());
+    value["portals"] = json!(portals(list));
+    if !list.views.is_empty() {
+        value["views"] = list.views.iter().map(view).collect();
+    }
     output.line(show::table(&value));
     output.result(&value);
     Ok(())
 }
 
-/// Draws what is asked for.
-pub fn draw(
-    pictures: &Pictures,
-    name: &str,
-    list: &BitesFile,
-    score: &Score,
-    rim_min_mm: Option<f64>,
-) -> Result<(), Failure> {
-    if pictures.svg.is_none() && pictures.png.is_none() {
-        return Ok(());
+/// Plans while the terminal shows how far it is; an interruption ends the command at once.
+async fn answer(
+    asked: &Asked,
+    deadline_s: Option<f64>,
+    output: &Output,
+) -> Result<Answer, Failure> {
+    let bar = output.progress("planning", 100);
+    let shown = bar.clone();
+    let work = asked.clone();
+    let deadline = Deadline::after(deadline_s);
+    let computed = tokio::task::spawn_blocking(move || {
+        work.plan(deadline, &mut |progress: Progress| {
+            shown.set_position((100.0 * progress.fraction) as u64);
+            shown.set_message(words(&progress));
+        })
+    });
+    let answer = tokio::select! {
+        computed = computed => computed.map_err(|error| Failure::failed("COMPUTATION_FAILED", error))?,
+        _ = tokio::signal::ctrl_c() => {
+            Err(Failure::new(Kind::Interrupted, "INTERRUPTED", "interrupted from the terminal"))
+        }
+    };
+    bar.finish_and_clear();
+    answer
+}
+
+/// The stage, and what there is by then.
+fn words(progress: &Progress) -> String {
+    let mut words = progress.stage.to_owned();
+    if let Some(bites) = progress.incumbent {
+        words.push_str(&format!(": {bites} bites so far"));
     }
-    let drawing = Picture {
-        title: name,
-        headline: &score.line(),
-        site: &score.site,
-        jaw: score.jaw,
-        bites: &score.bites,
-        contour: &list.contour,
-        lesion: list.lesion.as_ref(),
-        portals: &list.portals,
-        measured: &[],
-        rim_min_mm,
+    if let Some(bound) = progress.bound {
+        words.push_str(&format!(", none with fewer than {bound}"));
     }
-    .draw();
-    if let Some(path) = &pictures.svg {
-        write(path, drawing::svg(&drawing).as_bytes())?;
+    words
+}
+
+/// How good the choice is; null where none was made.
+pub fn choice(choice: Option<&Choice>) -> Value {
+    choice.map_or(Value::Null, |choice| {
+        json!({
+            "bound": choice.bound,
+            "complete": choice.complete,
+            "ended": ended(choice.ended),
+        })
+    })
+}
+
+/// Why a search ended, as one word.
+pub fn ended(ended: Ended) -> &'static str {
+    match ended {
+        Ended::Optimal => "OPTIMAL",
+        Ended::Effort => "EFFORT",
+        Ended::Deadline => "DEADLINE",
     }
-    if let Some(path) = &pictures.png {
-        let png =
-            drawing::png(&drawing, PNG_PX_PER_MM).map_err(|error| unwritable(path, &error))?;
-        write(path, &png)?;
+}
+
+/// How many bites come through each portal.
+fn portals(list: &BitesFile) -> Vec<usize> {
+    let bites = |portal| {
+        list.bites
+            .iter()
+            .filter(move |bite| bite.portal == Some(portal))
+    };
+    (0..list.portals.len())
+        .map(|portal| bites(portal).count())
+        .collect()
+}
+
+fn view(view: &ListedView) -> Value {
+    json!({
+        "tip_mm": view.tip.coords.as_slice(),
+        "roll_deg": view.roll_rad.to_degrees(),
+        "depth_mm": view.depth_mm,
+        "distance_mm": view.distance_mm,
+        "occluded_percent": view.occluded_percent,
+    })
+}
+
+/// The words around a picture.
+pub struct Page<'a> {
+    /// What people call the meniscus.
+    pub title: &'a str,
+    /// The score in one line.
+    pub headline: &'a str,
+    /// The rim that must be left, if there is a limit, mm.
+    pub rim_min_mm: Option<f64>,
+}
+
+impl Page<'_> {
+    /// Draws what is asked for.
+    pub fn draw(
+        &self,
+        pictures: &Pictures,
+        list: &BitesFile,
+        score: &Score,
+    ) -> Result<(), Failure> {
+        if pictures.svg.is_none() && pictures.png.is_none() {
+            return Ok(());
+        }
+        let through: Vec<Option<usize>> = list.bites.iter().map(|bite| bite.portal).collect();
+        let drawing = Picture {
+            title: self.title,
+            headline: self.headline,
+            site: &score.site,
+            jaw: score.jaw,
+            bites: &score.bites,
+            through: &through,
+            contour: &list.contour,
+            lesion: list.lesion.as_ref(),
+            portals: &list.portals,
+            measured: &[],
+            rim_min_mm: self.rim_min_mm,
+        }
+        .draw();
+        if let Some(path) = &pictures.svg {
+            write(path, drawing::svg(&drawing).as_bytes())?;
+        }
+        if let Some(path) = &pictures.png {
+            let png =
+                drawing::png(&drawing, PNG_PX_PER_MM).map_err(|error| unwritable(path, &error))?;
+            write(path, &png)?;
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
@@ -136,12 +212,4 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 
 fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> Failure {
     Failure::refused("FILE_UNWRITABLE", format!("{}: {error}", path.display()))
-}
-
-fn too_late(arguments: &Plan) -> Failure {
-    let deadline_s = arguments.deadline_s.unwrap_or_default();
-    Failure::refused(
-        "DEADLINE_TOO_SHORT",
-        format!("no plan within --deadline-s {deadline_s}"),
-    )
 }

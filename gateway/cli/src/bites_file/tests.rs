@@ -74,6 +74,18 @@ fn what_is_wrong_is_named_by_field_value_and_limit() {
             format!("{{{LPS_MM},\"jaw\":{{\"width_mm\":0,\"length_mm\":4}},\"bites\":[]}}"),
             "jaw.width_mm is 0; must be 0.5 .. 10",
         ),
+        (
+            format!(
+                "{{{LPS_MM},\"jaw\":{{\"width_mm\":3,\"length_mm\":4,\"throat_mm\":0}},\"bites\":[]}}"
+            ),
+            "jaw.throat_mm is 0; must be 0.1 .. 10",
+        ),
+        (
+            format!(
+                "{{{LPS_MM},\"bites\":[],\"views\":[{{\"tip_mm\":[1,2,3],\"approach\":[0,0,1],\"optical_axis\":[0,1,0],\"roll_rad\":0,\"depth_mm\":1,\"distance_mm\":1,\"occluded_percent\":0}}]}}"
+            ),
+            "views are 1; must be one for each of the 0 bites",
+        ),
     ] {
         let answer = refused(&text);
         assert!(answer.contains(expected), "{answer}, expected {expected}");
@@ -89,6 +101,14 @@ fn ras_is_lps_turned_by_half_a_turn_about_z() {
 }
 
 #[test]
+fn a_jaw_without_a_throat_has_the_usual_one() {
+    let text =
+        format!("{{{LPS_MM},\"jaw\":{{\"width_mm\":3,\"length_mm\":4.5}},\"bites\":[{BITE}]}}");
+    let file = BitesFile::parse(text.as_bytes(), None).unwrap();
+    assert_eq!(file.jaw, Some(Jaw::new(3.0, 4.5)));
+}
+
+#[test]
 fn a_list_that_is_written_reads_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bites.json");
@@ -98,8 +118,8 @@ fn a_list_that_is_written_reads_back() {
     };
     let file = BitesFile {
         jaw: Some(Jaw {
-            width_mm: 3.0,
-            length_mm: 4.5,
+            throat_mm: 0.8,
+            ..Jaw::new(3.0, 4.5)
         }),
         portals: vec![Point3::new(62.0, 12.0, 94.5)],
         contour: vec![Point3::new(53.0, 48.0, 61.0)],
@@ -112,6 +132,15 @@ fn a_list_that_is_written_reads_back() {
             long_axis: Vector3::x(),
             opening: Some(Vector3::z()),
             portal: Some(0),
+        }],
+        views: vec![ListedView {
+            tip: Point3::new(4.0, 5.0, 6.0),
+            approach: -Vector3::x(),
+            optical_axis: Vector3::y(),
+            roll_rad: 0.25,
+            depth_mm: 40.0,
+            distance_mm: 10.0,
+            occluded_percent: 2.5,
         }],
     };
     file.write(&path).unwrap();

@@ -1,12 +1,11 @@
-//! The files a plan is made from.
+//! The meniscus that is planned on.
 
 use std::path::Path;
 
 use arthro_geometry::stated::Stated;
-use arthro_geometry::{Mesh, Point3, phantom, surface_file};
+use arthro_geometry::{Mesh, phantom, surface_file};
 
 use crate::arguments::StatedSpace;
-use crate::bites_file::{MAX_CONTOUR, MAX_LESION};
 use crate::commands::{read, stated, unreadable};
 use crate::exit::Failure;
 
@@ -62,28 +61,4 @@ impl Model {
             source: Source::Surface,
         })
     }
-}
-
-/// Reads the points of damaged tissue.
-pub fn read_lesion(path: &Path, given: StatedSpace) -> Result<Vec<Point3>, Failure> {
-    points(path, given, MAX_LESION)
-}
-
-/// Reads the points of a contour in their order.
-pub fn read_contour(path: &Path, given: StatedSpace) -> Result<Vec<Point3>, Failure> {
-    points(path, given, MAX_CONTOUR)
-}
-
-fn points(path: &Path, given: StatedSpace, limit: usize) -> Result<Vec<Point3>, Failure> {
-    let cloud = surface_file::read_cloud(path, &read(path)?, stated(given))
-        .map_err(|error| unreadable(path, &error))?;
-    let count = cloud.points.len();
-    if count > limit {
-        let problem = format!(
-            "{}: has {count} points; must be at most {limit}",
-            path.display()
-        );
-        return Err(Failure::refused("FILE_INVALID", problem));
-    }
-    Ok(cloud.points)
 }

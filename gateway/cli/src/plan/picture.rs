@@ -20,7 +20,13 @@ const LESION: Color = Color::solid([200, 38, 48]);
 const CONTOUR: Color = Color::solid([16, 24, 60]);
 const HINGE: Color = Color::solid([96, 102, 112]);
 const ALARM: Color = Color::solid([214, 40, 40]);
-const PORTAL: Color = Color::solid([13, 110, 120]);
+/// One for each portal, in turn.
+const PORTALS: [Color; 4] = [
+    Color::solid([13, 110, 120]),
+    Color::solid([190, 84, 10]),
+    Color::solid([150, 40, 140]),
+    Color::solid([90, 100, 20]),
+];
 /// From thin to thick tissue.
 const TISSUE: [[u8; 3]; 3] = [[250, 240, 224], [236, 212, 176], [206, 168, 122]];
 /// From the first to the last bite.
@@ -47,6 +53,8 @@ pub struct Picture<'a> {
     pub jaw: Jaw,
     /// In the order of execution.
     pub bites: &'a [Bite],
+    /// Through which of the portals each comes, if known.
+    pub through: &'a [Option<usize>],
     /// The new free edge that is aimed at; may be empty.
     pub contour: &'a [Point3],
     /// The damaged tissue.
@@ -67,7 +75,7 @@ struct Scene<'a> {
     lesion: Vec<Point3>,
     portals: Vec<Point3>,
     measured: Vec<Point3>,
-    hinge_shares: Vec<f64>,
+    throat_shares: Vec<f64>,
 }
 
 /// A rectangle of the page, mm.
@@ -133,7 +141,7 @@ impl<'a> Scene<'a> {
             .map(|bite| bite.carried(&meniscal_from_ct))
             .collect();
         Self {
-            hinge_shares: picture.site.hinge_shares(&bites, &picture.jaw),
+            throat_shares: picture.site.throat_shares(&bites, &picture.jaw),
             bites,
             contour: local(picture.contour),
             lesion: picture
@@ -145,11 +153,28 @@ impl<'a> Scene<'a> {
         }
     }
 
+    /// The portal of a bite, where there is more than one.
+    fn portal_of(&self, order: usize) -> Option<usize> {
+        let portal = self.picture.through.get(order).copied().flatten();
+        portal.filter(|_| self.portals.len() > 1)
+    }
+
+    /// How many bites come through a portal.
+    fn bites_through(&self, portal: usize) -> usize {
+        let bites = (0..self.bites.len()).filter(|order| self.portal_of(*order) == Some(portal));
+        bites.count()
+    }
+
     /// The colour of the bite that is made as number `order`, counted from 0.
     fn color(&self, order: usize) -> Color {
         let last = self.bites.len().saturating_sub(1).max(1);
         Color::along(&ORDER, order as f64 / last as f64)
     }
+}
+
+/// The colour of the portal with this index.
+fn portal_color(portal: usize) -> Color {
+    PORTALS[portal % PORTALS.len()]
 }
 
 impl Panel {

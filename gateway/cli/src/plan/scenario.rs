@@ -1,10 +1,11 @@
-//! The standard cases: TEAR, a radial tear in the middle of the body, and BAND, all that lies inboard of a contour from
-//! the paper's start to its goal. On the phantom they are the paper's; on any other meniscus the same is put at the
-//! same angles and depths, as far as the rim of the phantom's case allows.
+//! The standard cases: TEAR, a radial tear in the middle of the body with the contour around it, and BAND, all that lies
+//! inboard of a contour from the paper's start to its goal. On the phantom they are the paper's; on any other meniscus
+//! the same is put at the same angles and depths, as far as the rim of the phantom's case allows.
 
-use arthro_geometry::phantom::{self, Coordinates, Phantom, RadialTear};
+use arthro_geometry::phantom::{self, Phantom, RadialTear};
 use arthro_geometry::{Mesh, Point3, Vector3};
 use arthro_planning::Error;
+use arthro_planning::target::{Aim, Rules};
 use arthro_simulator::scenario::Layout;
 use arthro_simulator::scenario::crescent::Crescent as Knee;
 use arthro_simulator::voxels::Voxels as KneeVoxels;
@@ -15,18 +16,11 @@ use crate::arguments::ScenarioName;
 use crate::bites_file::LesionPoints;
 use crate::exit::Failure;
 
-/// Where the contour leaves the free edge to both sides of the tear, degrees about the crescent.
-const TEAR_ENDS_DEG: f64 = 28.0;
-/// How far in from the free edge these ends lie on a meniscus from a file, mm; on the phantom as a share of the width.
-const TEAR_END_DEPTH_MM: f64 = 0.3;
-const TEAR_END_DEPTH: f64 = 0.03;
 /// The paper's start and goal on the phantom: degrees from the middle of the body, and share of the width.
 const BAND_ENDS: [(f64, f64); 2] = [(79.7, 0.11), (-63.4, 0.71)];
-/// The rim that the paper's goal leaves on the phantom, mm: on a narrower meniscus the contour stays as far from the rim.
+/// The rim that the paper's goal leaves on the phantom, mm: the least that BAND leaves on any meniscus.
 const BAND_RIM_MM: f64 = 3.2;
 const LESION_SPACING_MM: f64 = 0.5;
-/// Around a model, mm.
-const BOX_MARGIN_MM: f64 = 5.0;
 /// How far beside the tissue its height is still looked for, mm.
 const HEIGHT_REACH_MM: f64 = 2.0;
 /// Voxels in which the generic knee around a meniscus is laid out, mm.
@@ -34,41 +28,60 @@ const KNEE_VOXEL_MM: f64 = 0.5;
 
 /// What a surgeon would have marked.
 #[derive(Clone, Debug)]
-pub struct Marked {
-    /// Where the contour leaves the free edge.
-    pub start: Point3,
-    /// Where it meets it again.
-    pub goal: Point3,
-    /// Lowest and highest corner of the box that targets stay inside.
-    pub target_box: (Point3, Point3),
+pub struct Marks {
+    /// What the contour comes from, ct.
+    pub aim: Aim,
+    /// Lowest and highest corner of the box that targets stay inside, if any is meant.
+    pub target_box: Option<(Point3, Point3)>,
     /// The damaged tissue, if any is marked.
     pub lesion: Option<LesionPoints>,
+    /// The rim that must be left, mm.
+    pub rim_min_mm: f64,
 }
 
-/// The marks of a standard case on a model.
-pub fn marked(
-    name: ScenarioName,
-    model: &Model,
-    portal: &Point3,
-    voxel_mm: f64,
-) -> Result<Marked, Failure> {
-    match (model.source, name) {
-        (Source::Phantom, ScenarioName::Tear) => Ok(torn_phantom(&model.mesh)),
-        (Source::Phantom, ScenarioName::Band) => Ok(Marked {
-            start: phantom::START,
-            goal: phantom::GOAL,
-            target_box: phantom::TARGET_BOX,
-            lesion: None,
-        }),
-        (Source::Surface, name) => on_surface(name, &model.mesh, portal, voxel_mm),
+impl Marks {
+    /// The marks of a standard case on a model.
+    pub fn standard(
+        name: ScenarioName,
+        model: &Model,
+        portal: &Point3,
+        voxel_mm: f64,
+    ) -> Result<Self, Failure> {
+        let target_box = (model.source == Source::Phantom).then_some(phantom::TARGET_BOX);
+        let (mesh, is_phantom) = (&model.mesh, model.source == Source::Phantom);
+        match name {
+            ScenarioName::Tear => Ok(Self {
+                aim: Aim::Lesion,
+                target_box,
+                lesion: Some(if is_phantom {
+                    torn_phantom(mesh)
+                } else {
+                    torn(&Site::of(mesh, portal, voxel_mm)?, mesh)?
+                }),
+                rim_min_mm: Rules::default().rim_min_mm,
+            }),
+            ScenarioName::Band => Ok(Self {
+                aim: if is_phantom {
+                    Aim::Ends {
+                        start: phantom::START,
+                        goal: phantom::GOAL,
+                    }
+                } else {
+                    band_ends(&Site::of(mesh, portal, voxel_mm)?, portal)?
+                },
+                target_box,
+                lesion: None,
+                rim_min_mm: BAND_RIM_MM,
+            }),
+        }
     }
 }
 
-/// The anterolateral portal: that of the phantom; for a surface, which says nothing about its knee, that of a generic
-/// one around it.
-pub fn anterolateral(model: &Model) -> Result<Point3, Failure> {
+/// Where the forceps may enter: anterolateral on the phantom; on a surface, which says nothing about its knee, the
+/// anterolateral and the anteromedial portal of a generic one around it.
+pub fn portals(model: &Model) -> Result<Vec<Point3>, Failure> {
     if model.source == Source::Phantom {
-        return Ok(phantom::PORTAL_ANTEROLATERAL);
+        return Ok(vec![phantom::PORTAL_ANTEROLATERAL]);
     }
     // Refuses what is no meniscus before any memory is taken for its knee.
     let above = model.mesh.vertices.first().copied().unwrap_or_default() + Vector3::z();
@@ -76,100 +89,69 @@ pub fn anterolateral(model: &Model) -> Result<Point3, Failure> {
     let voxels = KneeVoxels::from_mesh(&model.mesh, KNEE_VOXEL_MM);
     let knee = Knee::of_mesh(&model.mesh, &voxels)
         .map_err(|error| Failure::refused_because("INVALID_ARGUMENT", &error))?;
-    let [forceps, _] = Layout::default().portals_in_knee(&knee);
-    Ok(knee.ct_from_knee * forceps)
+    let portals = Layout::default().portals_in_knee(&knee);
+    Ok(portals.map(|portal| knee.ct_from_knee * portal).to_vec())
 }
 
-/// The model and a margin around it.
-pub fn box_around(mesh: &Mesh) -> Option<(Point3, Point3)> {
-    let (low, high) = mesh.bounds()?;
-    let margin = Vector3::repeat(BOX_MARGIN_MM);
-    Some((low - margin, high + margin))
-}
-
-fn torn_phantom(mesh: &Mesh) -> Marked {
+fn torn_phantom(mesh: &Mesh) -> LesionPoints {
     let shape = Phantom::default();
-    let on_edge = |phi_deg: f64| {
-        shape.point(Coordinates {
-            phi_rad: phi_deg.to_radians(),
-            width_fraction: TEAR_END_DEPTH,
-            height_fraction: 0.5,
-        })
-    };
-    Marked {
-        start: on_edge(TEAR_ENDS_DEG),
-        goal: on_edge(-TEAR_ENDS_DEG),
-        target_box: phantom::TARGET_BOX,
-        lesion: Some(lesion(mesh, |point| {
-            shape.is_torn(point, &RadialTear::BODY)
-        })),
-    }
+    lesion(mesh, |point| shape.is_torn(point, &RadialTear::BODY))
 }
 
-fn on_surface(
-    name: ScenarioName,
-    mesh: &Mesh,
-    portal: &Point3,
-    voxel_mm: f64,
-) -> Result<Marked, Failure> {
-    let site = Site::of(mesh, portal, voxel_mm)?;
-    let crescent = &site.crescent;
-    let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
-    let rays: Vec<f64> = crescent.rays().collect();
-    let (Some(first), Some(last)) = (rays.first(), rays.last()) else {
+/// First and last ray that meet the tissue.
+fn span_rad(site: &Site) -> Result<(f64, f64), Failure> {
+    let mut rays = site.crescent.rays();
+    let first = rays.next();
+    first.zip(rays.last()).ok_or_else(|| {
         let problem = "no ray meets its tissue".to_owned();
-        return Err(Error::NotACrescent { problem }.into());
-    };
-    let middle_rad = 0.5 * (first + last);
+        Error::NotACrescent { problem }.into()
+    })
+}
+
+fn band_ends(site: &Site, portal: &Point3) -> Result<Aim, Failure> {
+    let crescent = &site.crescent;
+    let (first_rad, last_rad) = span_rad(site)?;
+    let middle_rad = 0.5 * (first_rad + last_rad);
     // The forceps come from the anterior side.
-    let anterior = (meniscal_from_ct * *portal).y.signum();
-    let at = |angle_deg: f64, depth_mm: &dyn Fn(f64) -> f64| {
-        let angle_rad = (middle_rad + anterior * angle_deg.to_radians()).clamp(*first, *last);
-        let edges = crescent.edge_mm(angle_rad).zip(crescent.rim_mm(angle_rad));
-        let (edge_mm, rim_mm) = edges?;
-        let radius_mm = edge_mm + depth_mm(rim_mm - edge_mm);
+    let anterior = (crescent.ct_from_meniscal.inverse() * *portal).y.signum();
+    let ends = BAND_ENDS.map(|(angle_deg, share)| {
+        let angle_rad = (middle_rad + anterior * angle_deg.to_radians()).clamp(first_rad, last_rad);
+        let (edge_mm, rim_mm) = (crescent.edge_mm(angle_rad)?, crescent.rim_mm(angle_rad)?);
+        let width_mm = rim_mm - edge_mm;
+        let depth_mm = (share * width_mm).min(width_mm - BAND_RIM_MM).max(0.0);
+        let radius_mm = edge_mm + depth_mm;
         let (x, y) = (radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin());
         let height_mm = site.voxels.middle_mm(x, y, HEIGHT_REACH_MM)?;
         Some(crescent.ct_from_meniscal * Point3::new(x, y, height_mm))
-    };
-    let ends = match name {
-        ScenarioName::Tear => {
-            [TEAR_ENDS_DEG, -TEAR_ENDS_DEG].map(|angle_deg| at(angle_deg, &|_| TEAR_END_DEPTH_MM))
-        }
-        ScenarioName::Band => BAND_ENDS.map(|(angle_deg, share)| {
-            at(angle_deg, &|width_mm| {
-                (share * width_mm).min(width_mm - BAND_RIM_MM).max(0.0)
-            })
-        }),
-    };
-    let ([Some(start), Some(goal)], Some(target_box)) = (ends, box_around(mesh)) else {
+    });
+    let [Some(start), Some(goal)] = ends else {
         let problem = "it has no tissue where the contour would begin or end".to_owned();
         return Err(Error::NotACrescent { problem }.into());
     };
+    Ok(Aim::Ends { start, goal })
+}
+
+fn torn(site: &Site, mesh: &Mesh) -> Result<LesionPoints, Failure> {
+    let crescent = &site.crescent;
+    let meniscal_from_ct = crescent.ct_from_meniscal.inverse();
+    let (first_rad, last_rad) = span_rad(site)?;
+    let middle_rad = 0.5 * (first_rad + last_rad);
     let tear = &RadialTear::BODY;
-    let is_torn = |point: &Point3| {
+    let edges = crescent
+        .edge_mm(middle_rad)
+        .zip(crescent.rim_mm(middle_rad));
+    let deepest_mm = edges.map_or(0.0, |(edge_mm, rim_mm)| {
+        edge_mm + tear.depth_fraction * (rim_mm - edge_mm)
+    });
+    Ok(lesion(mesh, |point| {
         let point = meniscal_from_ct * *point;
-        let (radius_mm, turn_rad) = (
-            point.xy().coords.norm(),
-            crescent.angle_rad(&point) - middle_rad,
-        );
-        let edges = crescent
-            .edge_mm(middle_rad)
-            .zip(crescent.rim_mm(middle_rad));
-        let deepest_mm = edges.map_or(0.0, |(edge_mm, rim_mm)| {
-            edge_mm + tear.depth_fraction * (rim_mm - edge_mm)
-        });
+        let radius_mm = point.xy().coords.norm();
+        let turn_rad = crescent.angle_rad(&point) - middle_rad;
         turn_rad.cos() > 0.0
             && (radius_mm * turn_rad.sin()).abs() <= 0.5 * tear.width_mm
             && radius_mm <= deepest_mm
             && site.voxels.distance_mm(&point, 0.5) == Some(0.0)
-    };
-    Ok(Marked {
-        start,
-        goal,
-        target_box,
-        lesion: (name == ScenarioName::Tear).then(|| lesion(mesh, is_torn)),
-    })
+    }))
 }
 
 /// The points of a grid over a model that are damaged.

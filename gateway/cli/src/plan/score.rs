@@ -1,13 +1,13 @@
 //! What a list of bites does to a meniscus, in words for people and for programs.
 
 use arthro_geometry::{Mesh, Point3};
-use arthro_planning::evaluation::{Evaluation, Task};
+use arthro_planning::evaluation::Evaluation;
 use arthro_planning::jaw::{Bite, Jaw};
-use arthro_planning::lesion::Lesion;
-use arthro_planning::plan::{self, EvaluationRequest};
+use arthro_planning::plan::{self, EvaluationRequest, Given};
+use arthro_planning::tissue::THROAT_LIMIT;
 use serde_json::{Value, json};
 
-use super::site::{HINGE_SHARE_MAX, Site};
+use super::site::Site;
 use crate::bites_file::BitesFile;
 use crate::exit::Failure;
 
@@ -25,8 +25,6 @@ pub struct Score {
     pub jaw: Jaw,
     /// What they do.
     pub evaluation: Evaluation,
-    /// Share of each bite's hinge that holds tissue when the bite is made.
-    pub hinge_shares: Vec<f64>,
     aim: Aim,
 }
 
@@ -59,27 +57,19 @@ impl Score {
                 .as_ref()
                 .is_some_and(|lesion| !lesion.points.is_empty()),
         };
-        let meniscal_from_ct = site.crescent.ct_from_meniscal.inverse();
-        let local: Vec<Bite> = bites
-            .iter()
-            .map(|bite| bite.carried(&meniscal_from_ct))
-            .collect();
-        let evaluation = if aim.contour || aim.lesion {
-            let lesion = list.lesion.clone().unwrap_or_default();
-            plan::evaluate(&EvaluationRequest {
-                model: model.clone(),
-                lesion: lesion.points,
-                lesion_spacing_mm: lesion.spacing_mm,
-                contour: list.contour.clone(),
-                bites: bites.clone(),
-                jaw,
-                voxel_mm,
-            })?
-        } else {
-            aimless(&site, jaw, &local)
-        };
+        let lesion = list.lesion.clone().unwrap_or_default();
+        let evaluation = plan::evaluate(&EvaluationRequest {
+            model: model.clone(),
+            lesion: lesion.points,
+            lesion_spacing_mm: lesion.spacing_mm,
+            contour: list.contour.clone(),
+            bites: bites.iter().map(Given::from).collect(),
+            portals: list.portals.clone(),
+            jaw,
+            throat_limit: THROAT_LIMIT,
+            voxel_mm,
+        })?;
         Ok(Self {
-            hinge_shares: site.hinge_shares(&local, &jaw),
             site,
             bites,
             jaw,
@@ -88,27 +78,10 @@ impl Score {
         })
     }
 
-    /// Tissue removed, mm3.
-    pub fn removed_mm3(&self) -> f64 {
-        let evaluation = &self.evaluation;
-        evaluation.outside_removed_mm3
-            + 0.01 * evaluation.region_covered_percent * evaluation.region_mm3
-    }
-
-    /// Bites, counted from 1, whose hinge would have to lie in tissue.
+    /// Bites, counted from 1, whose throat tissue would block.
     pub fn blocked(&self) -> Vec<usize> {
-        let shares = self.hinge_shares.iter().enumerate();
-        shares
-            .filter(|(_, share)| **share > HINGE_SHARE_MAX)
-            .map(|(index, _)| index + 1)
-            .collect()
-    }
-
-    /// The angle about the crescent at which the rim is narrowest, degrees from the middle of the body.
-    pub fn rim_min_angle_deg(&self) -> f64 {
-        let meniscal_from_ct = self.site.crescent.ct_from_meniscal.inverse();
-        let at = meniscal_from_ct * self.evaluation.rim_min_at;
-        self.site.crescent.angle_rad(&at).to_degrees()
+        let blocked = self.evaluation.infeasible.iter();
+        blocked.map(|blocked| blocked.bite + 1).collect()
     }
 
     /// Share of the region that is removed, if a region was given.
@@ -135,7 +108,7 @@ impl Score {
         let of_lesion = |value: f64| self.lesion_percent().map(|_| value);
         json!({
             "bites": evaluation.bites,
-            "removed_mm3": self.removed_mm3(),
+            "removed_mm3": evaluation.removed_mm3,
             "region_mm3": of_region(evaluation.region_mm3),
             "region_covered_percent": self.region_percent(),
             "outside_removed_mm3": self.outside_mm3(),
@@ -143,12 +116,16 @@ impl Score {
             "lesion_covered_percent": self.lesion_percent(),
             "healthy_removed_mm3": of_lesion(evaluation.healthy_removed_mm3),
             "rim_min_mm": evaluation.rim_min_mm,
-            "rim_min_angle_deg": self.rim_min_angle_deg(),
+            "rim_min_angle_deg": evaluation.rim_min_angle_rad.to_degrees(),
             "rim_min_at_mm": evaluation.rim_min_at.coords.as_slice(),
             "rim_mean_mm": evaluation.rim_mean_mm,
+            "scallop_rms_mm": evaluation.scallop.map(|scallop| scallop.rms_mm),
+            "scallop_max_mm": evaluation.scallop.map(|scallop| scallop.max_mm),
+            "predicted_seconds": evaluation.predicted_seconds,
             "order_feasible": self.blocked().is_empty(),
             "blocked_bites": self.blocked(),
             "jaw_mm": [self.jaw.width_mm, self.jaw.length_mm],
+            "throat_mm": self.jaw.throat_mm,
         })
     }
 
@@ -169,7 +146,7 @@ impl Score {
         );
         words.push(match self.outside_mm3() {
             Some(outside_mm3) => format!("outside {outside_mm3:.1} mm3"),
-            None => format!("removed {:.1} mm3", self.removed_mm3()),
+            None => format!("removed {:.1} mm3", evaluation.removed_mm3),
         });
         words.push(format!("rim min {:.1} mm", evaluation.rim_min_mm));
         words.push(match self.blocked().len() {
@@ -180,7 +157,8 @@ impl Score {
     }
 }
 
-fn above(model: &Mesh, list: &BitesFile) -> Point3 {
+/// A point on the superior side of the meniscus: where a portal lies or a jaw opens to.
+pub fn above(model: &Mesh, list: &BitesFile) -> Point3 {
     if let Some(portal) = list.portals.first() {
         return *portal;
     }
@@ -190,21 +168,6 @@ fn above(model: &Mesh, list: &BitesFile) -> Point3 {
         .find_map(|bite| bite.opening.map(|opening| bite.center + opening * ABOVE_MM));
     let middle = || model.vertices.first().copied().unwrap_or_default();
     opening.unwrap_or_else(|| middle() + arthro_geometry::Vector3::z() * ABOVE_MM)
-}
-
-/// What bites remove that nobody says the aim of.
-fn aimless(site: &Site, jaw: Jaw, bites: &[Bite]) -> Evaluation {
-    let nothing = Lesion::of_voxels(vec![false; site.voxels.centers().len()], &site.voxels);
-    let task = Task {
-        crescent: &site.crescent,
-        voxels: &site.voxels,
-        lesion: &nothing,
-        band: None,
-        jaw,
-    };
-    let mut evaluation = task.evaluate(bites);
-    evaluation.rim_min_at = site.crescent.ct_from_meniscal * evaluation.rim_min_at;
-    evaluation
 }
 
 fn upright(index: usize) -> Failure {

@@ -4,18 +4,13 @@ use std::collections::BTreeMap;
 
 use arthro_geometry::{Mesh, Point3, Vector3};
 use arthro_planning::crescent::Crescent;
-use arthro_planning::jaw::{Bite, Cut, Jaw};
+use arthro_planning::jaw::{Bite, Jaw};
+use arthro_planning::tissue::Tissue;
 use arthro_planning::voxels::Voxels;
 use arthro_planning::{Error, plan};
 
-/// Around the tissue the voxels leave this much, mm.
-const MARGIN_MM: f64 = 1.0;
-/// How much of the shaft behind the jaw its hinge takes, mm.
-pub const HINGE_MM: f64 = 1.0;
-/// Share of the hinge's footprint that may hold tissue when the jaw closes.
-pub const HINGE_SHARE_MAX: f64 = 0.5;
-/// Step between the places of a hinge that are looked at, mm.
-const HINGE_STEP_MM: f64 = 0.1;
+/// Around the tissue the voxels leave this much, and so far beside it a mark may lie, mm.
+pub const MARGIN_MM: f64 = 1.0;
 
 /// Crescent and tissue of one meniscus.
 #[derive(Clone, Debug)]
@@ -77,32 +72,16 @@ impl Site {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Share of each bite's hinge that holds tissue when the bite is made, the bites before it done.
-    pub fn hinge_shares(&self, bites: &[Bite], jaw: &Jaw) -> Vec<f64> {
-        let cuts: Vec<Cut> = bites.iter().map(|bite| bite.cut(jaw)).collect();
-        let shares = bites.iter().enumerate();
-        shares
-            .map(|(order, bite)| self.hinge_share(bite, jaw, &cuts[..order]))
-            .collect()
-    }
-
-    fn hinge_share(&self, bite: &Bite, jaw: &Jaw, done: &[Cut]) -> f64 {
-        let steps = |length_mm: f64| (length_mm / HINGE_STEP_MM).round().max(1.0) as usize;
-        let (behind, across) = (steps(HINGE_MM), steps(jaw.width_mm));
-        let middle = |step: usize, count: usize| (step as f64 + 0.5) / count as f64;
-        let places = (0..behind).flat_map(|i| (0..across).map(move |j| (i, j)));
-        let held = places.filter(|&(i, j)| {
-            let back_mm = 0.5 * jaw.length_mm + HINGE_MM * middle(i, behind);
-            let aside_mm = jaw.width_mm * (middle(j, across) - 0.5);
-            let at = bite.center - bite.approach * back_mm
-                + bite.opening.cross(&bite.approach) * aside_mm;
-            let Some((low, high)) = self.column(at.x, at.y) else {
-                return false;
-            };
-            let tissue = Point3::new(at.x, at.y, 0.5 * (low + high));
-            !done.iter().any(|cut| cut.contains(&tissue))
+    /// Share of each bite's throat that holds tissue when the bite is made, the bites before it done. The bites are in
+    /// the axes of the crescent.
+    pub fn throat_shares(&self, bites: &[Bite], jaw: &Jaw) -> Vec<f64> {
+        let mut tissue = Tissue::whole(&self.voxels);
+        let shares = bites.iter().map(|bite| {
+            let share = tissue.throat_share(&bite.throat(jaw));
+            tissue.bite(&bite.cut(jaw));
+            share
         });
-        held.count() as f64 / (behind * across) as f64
+        shares.collect()
     }
 }
 
@@ -114,11 +93,6 @@ fn place(x: f64, y: f64, voxel_mm: f64) -> (i64, i64) {
 mod tests {
     use super::*;
     use arthro_geometry::phantom;
-
-    const JAW: Jaw = Jaw {
-        width_mm: 3.0,
-        length_mm: 4.5,
-    };
 
     fn site() -> Site {
         Site::of(&phantom::mesh(), &phantom::PORTAL_ANTEROLATERAL, 0.5).unwrap()
@@ -148,12 +122,13 @@ mod tests {
     }
 
     #[test]
-    fn a_hinge_is_free_in_the_hole_held_in_tissue_and_freed_by_the_bite_before() {
+    fn a_throat_is_free_in_the_hole_held_in_tissue_and_freed_by_the_bite_before() {
         let site = site();
         let edge_mm = site.crescent.edge_mm(0.0).unwrap();
         let [first, second] = [bite(edge_mm + 1.0), bite(edge_mm + 4.5)];
-        assert_eq!(site.hinge_shares(&[first], &JAW), [0.0]);
-        assert!(site.hinge_shares(&[second], &JAW)[0] > 0.9);
-        assert!(site.hinge_shares(&[first, second], &JAW)[1] < 0.1);
+        let jaw = Jaw::new(3.0, 4.5);
+        assert_eq!(site.throat_shares(&[first], &jaw), [0.0]);
+        assert!(site.throat_shares(&[second], &jaw)[0] > 0.9);
+        assert!(site.throat_shares(&[first, second], &jaw)[1] < 0.1);
     }
 }

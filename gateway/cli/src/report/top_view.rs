@@ -53,11 +53,9 @@ fn svg(
         title: "plan",
         headline: &headline(&summary.plan),
         site: &site,
-        jaw: Jaw {
-            width_mm: system.jaw_width_mm,
-            length_mm: system.jaw_length_mm,
-        },
+        jaw: Jaw::new(system.jaw_width_mm, system.jaw_length_mm),
         bites: &bites,
+        through: &[],
         contour: &contour,
         lesion: Some(&lesion),
         portals: &[portal],

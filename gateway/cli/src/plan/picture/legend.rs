@@ -1,8 +1,11 @@
 //! What the signs of the picture mean.
 
-use super::{ALARM, CONTOUR, HINGE, INK, LESION, ORDER, PORTAL, Panel, Scene, TEXT_MM, TISSUE};
+use arthro_planning::tissue::THROAT_LIMIT;
+
+use super::{
+    ALARM, CONTOUR, HINGE, INK, LESION, ORDER, Panel, Scene, TEXT_MM, TISSUE, portal_color,
+};
 use crate::drawing::{Anchor, At, Color, Drawing, Pen};
-use crate::plan::site::HINGE_SHARE_MAX;
 
 const ROW_MM: f64 = 2.2;
 const SIGN_MM: f64 = 3.4;
@@ -15,7 +18,7 @@ enum Sign {
     Contour,
     Bites { last: usize },
     Hinge { blocked: usize },
-    Portal,
+    Portal { index: usize, bites: Option<usize> },
     Measured,
 }
 
@@ -54,15 +57,23 @@ fn signs(scene: &Scene<'_>) -> Vec<Sign> {
         signs.push(Sign::Hinge { blocked: 0 });
     }
     let blocked = scene
-        .hinge_shares
+        .throat_shares
         .iter()
-        .filter(|share| **share > HINGE_SHARE_MAX)
+        .filter(|share| **share > THROAT_LIMIT)
         .count();
     if blocked > 0 {
         signs.push(Sign::Hinge { blocked });
     }
-    if !scene.portals.is_empty() {
-        signs.push(Sign::Portal);
+    match scene.portals.len() {
+        0 => {}
+        1 => signs.push(Sign::Portal {
+            index: 0,
+            bites: None,
+        }),
+        count => signs.extend((0..count).map(|index| Sign::Portal {
+            index,
+            bites: Some(scene.bites_through(index)),
+        })),
     }
     if !scene.measured.is_empty() {
         signs.push(Sign::Measured);
@@ -99,14 +110,19 @@ fn show(page: &mut Drawing, sign: &Sign, [x, y]: At) -> String {
             page.rectangle(top, box_mm, ALARM.sheer(0.45));
             format!("hinge in tissue: {blocked}")
         }
-        Sign::Portal => {
-            page.line(vec![[x, y], [x + SIGN_MM - 1.0, y]], Pen::new(PORTAL, 0.35));
+        Sign::Portal { index, bites } => {
+            let color = portal_color(*index);
+            page.line(vec![[x, y], [x + SIGN_MM - 1.0, y]], Pen::new(color, 0.35));
             let tip = x + SIGN_MM;
             page.area(
                 vec![[tip, y], [tip - 1.4, y + 0.7], [tip - 1.4, y - 0.7]],
-                PORTAL,
+                color,
             );
-            "from the portal".to_owned()
+            match bites {
+                None => "from the portal".to_owned(),
+                Some(1) => format!("portal {}: 1 bite", index + 1),
+                Some(bites) => format!("portal {}: {bites} bites", index + 1),
+            }
         }
         Sign::Measured => {
             let middle = x + 0.5 * SIGN_MM;

@@ -2,14 +2,15 @@
 
 use arthro_geometry::{Point3, Vector3};
 use arthro_planning::jaw::Bite;
+use arthro_planning::tissue::THROAT_LIMIT;
 
 use super::labels::{self, Label};
 use super::{
-    ALARM, AROUND_MM, CONTOUR, FAINT, HINGE, INK, LESION, PANEL, PORTAL, Panel, Scene, TEXT_MM,
-    TISSUE, across,
+    ALARM, AROUND_MM, CONTOUR, FAINT, HINGE, INK, LESION, PANEL, Panel, Scene, TEXT_MM, TISSUE,
+    across, portal_color,
 };
 use crate::drawing::{Anchor, At, Color, Drawing, Pen, Shape};
-use crate::plan::site::{HINGE_MM, HINGE_SHARE_MAX, Site};
+use crate::plan::site::Site;
 
 /// Steps of the shading, and cells across the tissue.
 const SHADES: usize = 9;
@@ -21,6 +22,8 @@ const LESION_CELL_MM: f64 = 0.25;
 const SCALE_BAR_MM: f64 = 10.0;
 const ARROW_MM: f64 = 5.0;
 const BORDER_MM: f64 = 0.8;
+/// Around the number of a bite, in the colour of its portal, mm.
+const RING_MM: f64 = 0.25;
 
 /// How the plane of the crescent lies in the panel.
 pub struct Frame {
@@ -68,7 +71,9 @@ pub fn draw(page: &mut Drawing, panel: &Panel, frame: &Frame, scene: &Scene<'_>)
     lesion(page, scene, &place);
     for (order, bite) in scene.bites.iter().enumerate() {
         let [_, jaw] = rectangles(scene, bite, &place);
-        page.outline(jaw, Pen::new(scene.color(order), 0.16));
+        let color = scene.portal_of(order).map(portal_color);
+        let pen = Pen::new(color.unwrap_or_else(|| scene.color(order)), 0.16);
+        page.outline(jaw, pen);
     }
     let contour: Vec<At> = scene.contour.iter().map(place).collect();
     if !contour.is_empty() {
@@ -85,7 +90,7 @@ pub fn draw(page: &mut Drawing, panel: &Panel, frame: &Frame, scene: &Scene<'_>)
             _ => format!("portal {}", index + 1),
         };
         if let Some(arrow) = arrow {
-            arrow.draw(page, panel, &name);
+            arrow.draw(page, panel, &name, portal_color(index));
         }
     }
     scale_bar(page, panel, &arrows);
@@ -217,7 +222,7 @@ fn lesion(page: &mut Drawing, scene: &Scene<'_>, place: &impl Fn(&Point3) -> At)
 fn footprint(page: &mut Drawing, scene: &Scene<'_>, order: usize, place: &impl Fn(&Point3) -> At) {
     let [hinge, jaw] = rectangles(scene, &scene.bites[order], place);
     page.area(jaw, scene.color(order).sheer(0.18));
-    if scene.hinge_shares[order] > HINGE_SHARE_MAX {
+    if scene.throat_shares[order] > THROAT_LIMIT {
         page.area(hinge, ALARM.sheer(0.45));
     } else {
         page.area(hinge, HINGE.sheer(0.18));
@@ -231,7 +236,11 @@ fn rectangles(scene: &Scene<'_>, bite: &Bite, place: &impl Fn(&Point3) -> At) ->
     let at = |along_mm: f64, across_mm: f64| {
         place(&(bite.center + bite.approach * along_mm + across(bite) * across_mm))
     };
-    [(-ahead_mm - HINGE_MM, -ahead_mm), (-ahead_mm, ahead_mm)].map(|(from_mm, to_mm)| {
+    [
+        (-ahead_mm - size.throat_mm, -ahead_mm),
+        (-ahead_mm, ahead_mm),
+    ]
+    .map(|(from_mm, to_mm)| {
         vec![
             at(from_mm, -aside_mm),
             at(to_mm, -aside_mm),
@@ -253,6 +262,9 @@ fn numbers(page: &mut Drawing, scene: &Scene<'_>, place: &impl Fn(&Point3) -> At
         }
     }
     for (order, Label { at, .. }) in labels.iter().enumerate() {
+        if let Some(portal) = scene.portal_of(order) {
+            page.disc(*at, labels::RADIUS_MM + RING_MM, portal_color(portal));
+        }
         page.disc(*at, labels::RADIUS_MM, scene.color(order));
         let baseline = [at[0], at[1] + 0.5 * labels::TEXT_MM];
         let white = Color::solid([255; 3]);
@@ -315,10 +327,10 @@ impl Arrow {
         ]
     }
 
-    fn draw(&self, page: &mut Drawing, panel: &Panel, name: &str) {
+    fn draw(&self, page: &mut Drawing, panel: &Panel, name: &str, color: Color) {
         page.line(
             vec![self.begin, self.at(ARROW_MM, 0.0)],
-            Pen::new(PORTAL, 0.35),
+            Pen::new(color, 0.35),
         );
         let (neck_mm, tip_mm) = (ARROW_MM - 0.4, ARROW_MM + 1.2);
         page.area(
@@ -327,7 +339,7 @@ impl Arrow {
                 self.at(neck_mm, 0.75),
                 self.at(neck_mm, -0.75),
             ],
-            PORTAL,
+            color,
         );
         let [x, y] = self.begin;
         let is_steep = self.along[1].abs() > self.along[0].abs();
@@ -345,17 +357,28 @@ impl Arrow {
         } else {
             (x + beside_mm, Anchor::Left)
         };
-        page.text([x, baseline], TEXT_MM, anchor, PORTAL, name);
+        page.text([x, baseline], TEXT_MM, anchor, color, name);
     }
 }
 
+/// Each portal's arrow leads to the middle of its bites, or of all where it has none.
 fn arrows(panel: &Panel, scene: &Scene<'_>, place: &impl Fn(&Point3) -> At) -> Vec<Option<Arrow>> {
-    let count = scene.bites.len().max(1) as f64;
-    let sum: Vector3 = scene.bites.iter().map(|bite| bite.center.coords).sum();
-    let target = place(&Point3::from(sum / count));
-    let portals = scene.portals.iter();
+    let middle = |is_meant: &dyn Fn(usize) -> bool| {
+        let meant = scene.bites.iter().enumerate();
+        let meant = meant.filter(|(order, _)| is_meant(*order));
+        let (sum, count) = meant.fold((Vector3::zeros(), 0usize), |(sum, count), (_, bite)| {
+            (sum + bite.center.coords, count + 1)
+        });
+        (count > 0).then(|| place(&Point3::from(sum / count as f64)))
+    };
+    let portals = scene.portals.iter().enumerate();
     portals
-        .map(|portal| Arrow::from(place(portal), target, panel))
+        .map(|(index, portal)| {
+            let own = middle(&|order| scene.portal_of(order) == Some(index));
+            let target = own.or_else(|| middle(&|_| true));
+            let target = target.unwrap_or_else(|| place(&Point3::origin()));
+            Arrow::from(place(portal), target, panel)
+        })
         .collect()
 }
 
