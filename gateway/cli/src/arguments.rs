@@ -259,12 +259,12 @@ pub struct PlanCase {
     /// Takes start, goal and box from this file (`targets.toml` of a simulated cell).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "target_box"])]
     pub targets: Option<PathBuf>,
-    /// The new contour as drawn: its points in their order (PLY).
+    /// The new contour as drawn: its points in their order (PLY or a Slicer curve).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "targets"])]
     pub contour: Option<PathBuf>,
     /// Who chooses the bites.
-    #[arg(long, value_enum, default_value_t = CasePlanner::Bites)]
-    pub planner: CasePlanner,
+    #[arg(long, value_enum, default_value_t)]
+    pub planner: PlannerName,
     /// Clears as much as can be cleared where not all can.
     #[arg(long)]
     pub partial: bool,
@@ -278,14 +278,6 @@ pub struct PlanCase {
     pub seed: u64,
     #[command(flatten)]
     pub stated: StatedSpace,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum CasePlanner {
-    /// As few bites as clear the region.
-    Bites,
-    /// The paper's: one on every point of a random path along the contour.
-    Paper,
 }
 
 #[derive(Debug, Args)]

@@ -14,14 +14,14 @@ use arthro_proto::planning::v1::Planner;
 use serde_json::json;
 
 use crate::arguments::{
-    Arguments, Bench, Case, CasePlanner, Command, PlanCase, RecoveryName, SpaceName, StatedSpace,
+    Arguments, Bench, Case, Command, PlanCase, PlannerName, RecoveryName, SpaceName, StatedSpace,
     UnitName,
 };
 use crate::cell::targets::{Marks, Targets};
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
-use crate::plan::files;
+use crate::plan::marks;
 use crate::{bench, calibrate, cell, demo, evaluate, plan, reconstruct, register, scene};
 
 /// Runs one command to its end.
@@ -220,12 +220,12 @@ async fn plan_case(plan: PlanCase, gateway: &mut Gateway, output: &Output) -> Re
         },
     };
     let contour = match &plan.contour {
-        Some(path) => files::read_contour(path, plan.stated)?,
+        Some(path) => marks::read_contour(path, plan.stated)?,
         None => Vec::new(),
     };
     let planner = match plan.planner {
-        CasePlanner::Bites => Planner::Bites,
-        CasePlanner::Paper => Planner::Paper,
+        PlannerName::Bites => Planner::Bites,
+        PlannerName::Paper => Planner::Paper,
     };
     let views = match plan.no_views {
         true => ViewPlanning::Off,
