@@ -76,12 +76,12 @@ impl Cell {
         case
     }
 
-    /// A case with a plan, and the plan's digest.
+    /// A case with a plan of several bites around its lesion, and the plan's digest.
     pub async fn planned_case(&self) -> (String, String) {
         let case = self.registered_case().await;
-        let plan = self
-            .done(&["case", "plan", &case, "--targets", &path(&self.at.targets)])
-            .await;
+        let plan = self.done(&["case", "plan", &case]).await;
+        let bites = plan["targets"].as_u64();
+        assert!(bites.is_some_and(|bites| bites >= 3), "{plan}");
         let digest = plan["plan_digest"].as_str().expect("a plan has a digest");
         (case, digest.to_owned())
     }

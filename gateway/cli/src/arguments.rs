@@ -95,6 +95,9 @@ pub struct Cell {
 pub struct Demo {
     #[command(flatten)]
     pub cell: Cell,
+    /// What is removed.
+    #[arg(long, value_enum, default_value_t = ScenarioName::Tear)]
+    pub scenario: ScenarioName,
     /// Where the HTML report goes.
     #[arg(long, value_name = "FILE", default_value = "arthro-report.html")]
     pub report: PathBuf,
@@ -155,7 +158,7 @@ pub enum Case {
         operator: String,
     },
     /// Plans a case's bites and prints the plan's digest.
-    Plan(PlanCase),
+    Plan(Box<PlanCase>),
     /// Approves exactly the plan with this digest.
     Approve {
         case: String,
@@ -240,26 +243,41 @@ pub struct RegisterCase {
     pub seed: u64,
 }
 
+/// Without a contour, ends or targets the new contour is found around the case's lesion.
 #[derive(Debug, Args)]
 pub struct PlanCase {
     pub case: String,
     /// Where the new contour leaves the free edge: x,y,z in ct, mm.
-    #[arg(long, value_parser = point, required_unless_present = "targets", allow_hyphen_values = true)]
+    #[arg(long, value_parser = point, requires = "goal", allow_hyphen_values = true)]
     pub start: Option<Point3>,
     /// Where it meets the free edge again.
-    #[arg(long, value_parser = point, required_unless_present = "targets", allow_hyphen_values = true)]
+    #[arg(long, value_parser = point, requires = "start", allow_hyphen_values = true)]
     pub goal: Option<Point3>,
-    /// Targets stay inside this box: two opposite corners, x,y,z,x,y,z in ct, mm.
-    #[arg(long = "box", value_parser = target_box, required_unless_present = "targets", allow_hyphen_values = true)]
+    /// Targets stay inside this box: two opposite corners, x,y,z,x,y,z in ct, mm; anywhere if not given.
+    #[arg(long = "box", value_parser = target_box, allow_hyphen_values = true)]
     pub target_box: Option<(Point3, Point3)>,
     /// Takes start, goal and box from this file (`targets.toml` of a simulated cell).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "target_box"])]
     pub targets: Option<PathBuf>,
+    /// The new contour as drawn: its points in their order (PLY or a Slicer curve).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["start", "goal", "targets"])]
+    pub contour: Option<PathBuf>,
+    /// Who chooses the bites.
+    #[arg(long, value_enum, default_value_t)]
+    pub planner: PlannerName,
+    /// Clears as much as can be cleared where not all can.
+    #[arg(long)]
+    pub partial: bool,
+    /// Plans no views: the arthroscope looks at the middle of the bites.
+    #[arg(long)]
+    pub no_views: bool,
     /// The rim that must be left, mm; 0 means 3.
     #[arg(long, default_value_t = 0.0)]
     pub rim_min_mm: f64,
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    #[command(flatten)]
+    pub stated: StatedSpace,
 }
 
 #[derive(Debug, Args)]

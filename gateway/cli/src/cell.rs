@@ -47,6 +47,7 @@ pub enum Ports {
 #[derive(Clone, Debug)]
 pub struct Urls {
     pub gateway: String,
+    pub planning: String,
     pub motion: String,
     pub simulator: String,
 }
@@ -145,6 +146,7 @@ impl Cell {
     pub fn urls(&self) -> Urls {
         Urls {
             gateway: self.url(ServiceName::Gateway),
+            planning: self.url(ServiceName::Planning),
             motion: self.url(ServiceName::Motion),
             simulator: self.url(ServiceName::Simulator),
         }
@@ -312,7 +314,7 @@ fn announce(cell: &Cell, output: &Output) {
          arthro case create knee --model {folder}/model.ply --lesion {folder}/lesion.ply   # prints CASE\n  \
          arthro case scene CASE --simulator {simulator}\n  \
          arthro case register CASE && arthro case accept CASE --operator you\n  \
-         arthro case plan CASE --targets {folder}/targets.toml                             # prints DIGEST\n  \
+         arthro case plan CASE                                                             # prints DIGEST\n  \
          arthro case approve CASE --digest DIGEST --surgeon you\n  \
          arthro run CASE --operator you\n\n\
          ctrl-c ends everything"

@@ -8,17 +8,20 @@ use arthro_proto::common::v1::{Box as TargetBox, Point};
 use arthro_proto::gateway::v1::{
     AbortProcedureRequest, ListCasesRequest, PauseProcedureRequest, PlanCaseRequest, Procedure,
     RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, ResumeProcedureRequest,
-    StopProcedureRequest,
+    StopProcedureRequest, ViewPlanning,
 };
+use arthro_proto::planning::v1::Planner;
 use serde_json::json;
 
 use crate::arguments::{
-    Arguments, Bench, Case, Command, PlanCase, RecoveryName, SpaceName, StatedSpace, UnitName,
+    Arguments, Bench, Case, Command, PlanCase, PlannerName, RecoveryName, SpaceName, StatedSpace,
+    UnitName,
 };
-use crate::cell::targets::Targets;
+use crate::cell::targets::{Marks, Targets};
 use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
+use crate::plan::marks;
 use crate::{bench, calibrate, cell, demo, evaluate, plan, reconstruct, register, scene};
 
 /// Runs one command to its end.
@@ -194,7 +197,7 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             output.line(show::case_state(&case));
             output.result(&show::case(&case));
         }
-        Case::Plan(plan) => plan_case(plan, gateway, output).await?,
+        Case::Plan(plan) => plan_case(*plan, gateway, output).await?,
         Case::Approve {
             case,
             digest,
@@ -209,18 +212,33 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
 }
 
 async fn plan_case(plan: PlanCase, gateway: &mut Gateway, output: &Output) -> Result<(), Failure> {
-    let targets = match (&plan.targets, plan.start, plan.goal, plan.target_box) {
-        (Some(path), ..) => Targets::read(path)?,
-        (None, Some(start), Some(goal), Some(target_box)) => Targets {
-            start,
-            goal,
-            target_box,
+    let targets = match &plan.targets {
+        Some(path) => Targets::read(path)?.into(),
+        None => Marks {
+            ends: plan.start.zip(plan.goal),
+            target_box: plan.target_box,
         },
-        // The command line demands all three or the file.
-        _ => return Ok(()),
     };
-    let mut request = plan_request(&plan.case, &targets, plan.seed);
-    request.rim_min_mm = plan.rim_min_mm;
+    let contour = match &plan.contour {
+        Some(path) => marks::read_contour(path, plan.stated)?,
+        None => Vec::new(),
+    };
+    let planner = match plan.planner {
+        PlannerName::Bites => Planner::Bites,
+        PlannerName::Paper => Planner::Paper,
+    };
+    let views = match plan.no_views {
+        true => ViewPlanning::Off,
+        false => ViewPlanning::On,
+    };
+    let request = PlanCaseRequest {
+        contour: contour.iter().map(point).collect(),
+        planner: planner.into(),
+        allow_partial: plan.partial,
+        views: views.into(),
+        rim_min_mm: plan.rim_min_mm,
+        ..plan_request(&plan.case, &targets, plan.seed)
+    };
     let result = gateway.plan(request, output).await?;
     let case = gateway.case(&plan.case).await?.case.unwrap_or_default();
     let mut value = show::plan(&result);
@@ -231,18 +249,17 @@ async fn plan_case(plan: PlanCase, gateway: &mut Gateway, output: &Output) -> Re
 }
 
 /// What the gateway is asked to plan.
-pub fn plan_request(case_id: &str, targets: &Targets, seed: u64) -> PlanCaseRequest {
+pub fn plan_request(case_id: &str, marks: &Marks, seed: u64) -> PlanCaseRequest {
     PlanCaseRequest {
         case_id: case_id.to_owned(),
-        start: Some(point(&targets.start)),
-        goal: Some(point(&targets.goal)),
-        target_box: Some(TargetBox {
-            min: Some(point(&targets.target_box.0)),
-            max: Some(point(&targets.target_box.1)),
+        start: marks.ends.as_ref().map(|(start, _)| point(start)),
+        goal: marks.ends.as_ref().map(|(_, goal)| point(goal)),
+        target_box: marks.target_box.as_ref().map(|(low, high)| TargetBox {
+            min: Some(point(low)),
+            max: Some(point(high)),
         }),
-        jaw: None,
-        rim_min_mm: 0.0,
         seed,
+        ..PlanCaseRequest::default()
     }
 }
 
@@ -268,7 +285,8 @@ fn print(procedure: &Procedure, output: &Output) {
     output.result(&show::procedure(procedure));
 }
 
-fn point(point: &Point3) -> Point {
+/// A point as a message.
+pub fn point(point: &Point3) -> Point {
     Point {
         x_mm: point.x,
         y_mm: point.y,

@@ -4,6 +4,7 @@
 //! frame with the simulated camera, has it registered, planned, approved and performed through the
 //! gateway, and asks the referee what truly happened.
 
+mod comparison;
 mod summary;
 
 use std::fs::File;
@@ -16,8 +17,8 @@ use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;
 use arthro_proto::simulator::v1::{GetAccountRequest, ScoreRegistrationRequest};
 use arthro_simulator::scenario::{LESION_SPACING_MM, Mounting, Scenario, Spec};
 
-use crate::arguments;
-use crate::cell::targets::Targets;
+use crate::arguments::{self, ScenarioName};
+use crate::cell::targets::{Marks, Targets};
 use crate::cell::{Cell, Ports, Urls};
 use crate::commands::{plan_request, read, unreadable};
 use crate::exit::{Failure, Kind};
@@ -25,6 +26,7 @@ use crate::gateway::{Gateway, Model, completed};
 use crate::output::Output;
 use crate::{report, scene};
 
+use self::comparison::Judge;
 pub use self::summary::Summary;
 
 /// The name under which the demo accepts, approves and starts.
@@ -159,10 +161,23 @@ async fn perform(
     ));
     gateway.accept(&case.case_id, OPERATOR).await?;
 
-    let request = plan_request(&case.case_id, &Targets::of(scenario), arguments.cell.seed);
+    let marks = match arguments.scenario {
+        ScenarioName::Tear => Marks::default(),
+        ScenarioName::Band => Targets::of(scenario).into(),
+    };
+    let request = plan_request(&case.case_id, &marks, arguments.cell.seed);
     let plan = gateway.plan(request, output).await?;
     let digest = gateway.case(&case.case_id).await?.case.unwrap_or_default();
-    output.note(format!("planned {} bites", plan.bites.len()));
+    let mut judge = Judge::of(urls.planning.clone(), scenario, &registration, &plan).await?;
+    let evaluation = judge.score(plan.bites.clone()).await?;
+    let papers = judge.papers_bites();
+    let paper = judge.score(papers).await?;
+    output.note(format!(
+        "planned {} bites, {} at least; the paper has {} on this contour",
+        plan.bites.len(),
+        plan.bound,
+        paper.bites
+    ));
     gateway
         .approve(&case.case_id, &digest.plan_digest, OPERATOR)
         .await?;
@@ -185,10 +200,13 @@ async fn perform(
     let journal = gateway.procedures.get_report(request).await?.into_inner();
     let summary = Summary {
         source: scenario.source,
+        scenario: arguments.scenario,
         seed: arguments.cell.seed,
         registration,
         score,
         plan,
+        evaluation,
+        paper,
         procedure,
         account,
         wall_seconds,

@@ -11,7 +11,7 @@ use arthro_proto::gateway::v1::{
     UploadSceneRequest, UploadSceneResponse, WatchProcedureRequest, scene_header,
     upload_model_request, upload_scene_request,
 };
-use arthro_proto::planning::v1::{ResectionPlan, plan_resection_response};
+use arthro_proto::planning::v1::{PlanProgress, ResectionPlan, plan_resection_response};
 use arthro_proto::registration::v1::{RegistrationResult, register_response};
 use tonic::transport::{Channel, Endpoint};
 
@@ -189,7 +189,7 @@ impl Gateway {
             match message.event.and_then(|event| event.event) {
                 Some(plan_resection_response::Event::Progress(progress)) => {
                     bar.set_position((progress.fraction * 100.0) as u64);
-                    bar.set_message(progress.stage);
+                    bar.set_message(planning_text(&progress));
                 }
                 Some(plan_resection_response::Event::Plan(last)) => plan = Some(last),
                 None => {}
@@ -318,6 +318,16 @@ pub fn state_word(state: ProcedureState) -> String {
         .as_str_name()
         .trim_start_matches("PROCEDURE_STATE_")
         .to_owned()
+}
+
+fn planning_text(progress: &PlanProgress) -> String {
+    match (progress.incumbent, progress.bound) {
+        (Some(bites), Some(bound)) => {
+            format!("{}: {bites} bites, at least {bound}", progress.stage)
+        }
+        (Some(bites), None) => format!("{}: {bites} bites", progress.stage),
+        (None, _) => progress.stage.clone(),
+    }
 }
 
 fn progress_text(procedure: &Procedure) -> String {

@@ -1,6 +1,7 @@
 //! The HTML report of a demo: one file with pictures, nothing loaded from elsewhere.
 
 mod frame_picture;
+mod plans;
 mod timeline;
 mod top_view;
 
@@ -43,7 +44,12 @@ pub fn html(
     page.push_str("<h2>Limits</h2>");
     page.push_str(&checks(summary));
     page.push_str("<h2>Plan and bites</h2>");
+    page.push_str(&plans::rows(summary));
     page.push_str(&top_view::figure(scenario, summary, journal));
+    page.push_str("<h2>What each bite does</h2>");
+    page.push_str(&plans::accounts(&summary.evaluation));
+    page.push_str("<h2>What was truly removed</h2>");
+    page.push_str(&plans::truth(summary));
     page.push_str("<h2>What the camera saw</h2>");
     page.push_str(&frame_picture::figure(frame));
     page.push_str("<h2>Where the time went</h2>");

@@ -51,7 +51,7 @@ pub fn scene_digest(points: &[u8], has_normals: bool) -> Digest {
 
 /// Digest of plan, registration, calibration and model together: what is approved and executed.
 pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model: Digest) -> Digest {
-    let mut canonical = Canonical::new("arthro.plan.v1");
+    let mut canonical = Canonical::new("arthro.plan.v2");
     canonical.bytes(&model.0);
 
     let camera_from_ct = &registration.camera_from_ct;
@@ -74,6 +74,7 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
 
     canonical.number(plan.jaw.width_mm);
     canonical.number(plan.jaw.length_mm);
+    canonical.number(plan.jaw.throat_mm);
     canonical.count(plan.bites.len());
     for bite in &plan.bites {
         canonical.point(&bite.center);
@@ -84,6 +85,12 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
     canonical.count(plan.contour.len());
     for point in &plan.contour {
         canonical.point(point);
+    }
+    canonical.count(plan.views.len());
+    for view in &plan.views {
+        canonical.point(&view.tip);
+        canonical.vector(&view.approach);
+        canonical.number(view.roll_rad);
     }
     canonical.digest()
 }
@@ -171,7 +178,7 @@ impl fmt::Debug for Digest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cases::case::{Bite, Verdict};
+    use crate::cases::case::{Bite, Verdict, View};
     use crate::config::Jaw;
     use arthro_geometry::{Rigid, Similarity};
     use bytes::Bytes;
@@ -189,6 +196,14 @@ mod tests {
                 3
             ],
             contour: vec![Point3::new(1.0, 2.0, 3.0)],
+            views: vec![
+                View {
+                    tip: Point3::new(53.0, 48.0, 40.0),
+                    approach: Vector3::z(),
+                    roll_rad: 0.5,
+                };
+                3
+            ],
             jaw: Jaw::default(),
             encoded: Bytes::new(),
         }
@@ -234,6 +249,21 @@ mod tests {
                 1 => &mut bite.approach[axis],
                 2 => &mut bite.opening[axis],
                 _ => &mut bite.contour_point.coords[axis],
+            };
+            *number = f64::from_bits(number.to_bits() ^ (1 << bit));
+            prop_assert_ne!(digest_of(&edited), digest_of(&plan()));
+        }
+
+        #[test]
+        fn one_changed_bit_of_any_view_is_another_digest(
+            view in 0..3usize, item in 0..3usize, axis in 0..3usize, bit in 0..64u32
+        ) {
+            let mut edited = plan();
+            let view = &mut edited.views[view];
+            let number = match item {
+                0 => &mut view.tip.coords[axis],
+                1 => &mut view.approach[axis],
+                _ => &mut view.roll_rad,
             };
             *number = f64::from_bits(number.to_bits() ^ (1 << bit));
             prop_assert_ne!(digest_of(&edited), digest_of(&plan()));

@@ -251,6 +251,23 @@ impl Failure {
         }
     }
 
+    /// The same failure with fields that begin with `prefix` named without it: what the service calls `options.x` is `x`
+    /// in the request that the gateway was sent.
+    pub fn without_prefix(self, prefix: &str) -> Self {
+        let violations = status::violations(&self.status);
+        if violations.is_empty() {
+            return self;
+        }
+        let renamed = violations.into_iter().map(|(field, description)| {
+            let field = field.strip_prefix(prefix).unwrap_or(&field).to_owned();
+            (field, description)
+        });
+        Self {
+            status: Box::new(status::invalid_all(renamed.collect())),
+            ..self
+        }
+    }
+
     /// Whether the command may have acted.
     pub fn acted(&self) -> Acted {
         self.acted

@@ -42,6 +42,8 @@ pub struct Jaw {
     pub width_mm: f64,
     /// Along the shaft, mm.
     pub length_mm: f64,
+    /// How far behind the jaw its hinge needs room, mm.
+    pub throat_mm: f64,
 }
 
 /// Section `gateway.calibration`, as written by the site.
@@ -121,6 +123,7 @@ impl Config {
     pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
         within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
         within("jaw.length_mm", self.jaw.length_mm, 0.5, 20.0)?;
+        within("jaw.throat_mm", self.jaw.throat_mm, 0.1, 10.0)?;
         within("view_distance_mm", self.view_distance_mm, 1.0, 200.0)?;
         let Some(calibration) = &self.calibration else {
             return Ok(None);
@@ -160,6 +163,7 @@ impl Default for Jaw {
         Self {
             width_mm: 3.0,
             length_mm: 4.5,
+            throat_mm: 1.0,
         }
     }
 }
@@ -266,6 +270,7 @@ mod tests {
             jaw: Jaw {
                 width_mm: 0.003,
                 length_mm: 0.0045,
+                ..Jaw::default()
             },
             ..Config::default()
         };

@@ -12,10 +12,12 @@ use bytes::Bytes;
 use nalgebra::Quaternion;
 use prost::Message as _;
 
-use crate::cases::case::{Bite, Plan, Registration, Verdict};
+use crate::cases::case::{Bite, Plan, Registration, Verdict, View};
 use crate::config::Jaw;
 use crate::error::Violation;
 
+/// The cell's one portal for the forceps, as plans number portals.
+const FORCEPS_PORTAL: u32 = 0;
 /// A direction's length and a quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
@@ -118,12 +120,37 @@ pub fn plan(message: &planning::ResectionPlan, jaw: Jaw) -> Result<Plan, Violati
             .enumerate()
             .map(|(index, sample)| point(Some(*sample), &format!("contour[{index}]")))
             .collect::<Result<_, _>>()?,
+        views: views(message)?,
         jaw,
         encoded: message.encode_to_vec().into(),
     })
 }
 
-/// Bites in order.
+/// One view for each bite, or none.
+fn views(message: &planning::ResectionPlan) -> Result<Vec<View>, Violation> {
+    let (views, bites) = (message.views.len(), message.bites.len());
+    if views != 0 && views != bites {
+        let problem = format!("holds {views}; must hold none or one for each of {bites} bites");
+        return Err(Violation::new("views", problem));
+    }
+    let checked = message.views.iter().enumerate();
+    checked
+        .map(|(index, view)| {
+            let field = |name: &str| format!("views[{index}].{name}");
+            if !view.roll_rad.is_finite() {
+                let problem = format!("is {}; must be finite", view.roll_rad);
+                return Err(Violation::new(field("roll_rad"), problem));
+            }
+            Ok(View {
+                tip: point(view.tip, &field("tip"))?,
+                approach: direction(view.approach, &field("approach"))?,
+                roll_rad: view.roll_rad,
+            })
+        })
+        .collect()
+}
+
+/// Bites in order, all through the one portal of the forceps.
 pub fn bites(messages: &[planning::Bite]) -> Result<Vec<Bite>, Violation> {
     messages
         .iter()
@@ -132,6 +159,15 @@ pub fn bites(messages: &[planning::Bite]) -> Result<Vec<Bite>, Violation> {
             let field = |name: &str| format!("bites[{index}].{name}");
             let approach = direction(bite.approach, &field("approach"))?;
             let opening = direction(bite.opening, &field("opening"))?;
+            if bite.portal != FORCEPS_PORTAL {
+                return Err(Violation::new(
+                    field("portal"),
+                    format!(
+                        "is {}; the cell has one forceps portal, {FORCEPS_PORTAL}",
+                        bite.portal
+                    ),
+                ));
+            }
             let along = approach.dot(&opening);
             if along.abs() > 0.01 {
                 return Err(Violation::new(
@@ -151,20 +187,23 @@ pub fn bites(messages: &[planning::Bite]) -> Result<Vec<Bite>, Violation> {
 
 /// The jaw of a request within the limits of the configuration.
 pub fn jaw(message: planning::Jaw, field: &str) -> Result<Jaw, Violation> {
-    for (name, value, highest) in [
-        ("width_mm", message.width_mm, 10.0),
-        ("length_mm", message.length_mm, 20.0),
+    let throat_mm = message.throat_mm.unwrap_or(Jaw::default().throat_mm);
+    for (name, value, lowest, highest) in [
+        ("width_mm", message.width_mm, 0.5, 10.0),
+        ("length_mm", message.length_mm, 0.5, 20.0),
+        ("throat_mm", throat_mm, 0.1, 10.0),
     ] {
-        if !(0.5..=highest).contains(&value) {
+        if !(lowest..=highest).contains(&value) {
             return Err(Violation::new(
                 format!("{field}.{name}"),
-                format!("is {value} mm; must be within 0.5 .. {highest} mm"),
+                format!("is {value} mm; must be within {lowest} .. {highest} mm"),
             ));
         }
     }
     Ok(Jaw {
         width_mm: message.width_mm,
         length_mm: message.length_mm,
+        throat_mm,
     })
 }
 
@@ -208,7 +247,7 @@ pub fn bite_message(bite: &Bite) -> planning::Bite {
         approach: Some(direction_message(&bite.approach)),
         opening: Some(direction_message(&bite.opening)),
         contour_point: Some(point_message(&bite.contour_point)),
-        portal: 0,
+        portal: FORCEPS_PORTAL,
     }
 }
 
@@ -217,7 +256,7 @@ pub fn jaw_message(jaw: &Jaw) -> planning::Jaw {
     planning::Jaw {
         width_mm: jaw.width_mm,
         length_mm: jaw.length_mm,
-        throat_mm: None,
+        throat_mm: Some(jaw.throat_mm),
     }
 }
 

@@ -110,6 +110,7 @@ impl Configuration {
             jaw: Jaw {
                 width_mm: view.jaw_width_mm,
                 length_mm: view.jaw_length_mm,
+                ..Jaw::default()
             },
             calibration: Some(Calibration {
                 forceps_base_from_camera: Pose::of(&view.forceps_base_from_camera),

@@ -20,6 +20,24 @@ pub struct Targets {
     pub target_box: (Point3, Point3),
 }
 
+/// What is said of where to cut; what is not is left to the planner.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Marks {
+    /// Where the new contour leaves and meets the free edge.
+    pub ends: Option<(Point3, Point3)>,
+    /// Lowest and highest corner of the box that targets stay inside.
+    pub target_box: Option<(Point3, Point3)>,
+}
+
+impl From<Targets> for Marks {
+    fn from(targets: Targets) -> Self {
+        Self {
+            ends: Some((targets.start, targets.goal)),
+            target_box: Some(targets.target_box),
+        }
+    }
+}
+
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {

@@ -1,7 +1,7 @@
 //! Answers of the gateway as JSON for programs and as lines for people.
 
 use arthro_proto::gateway::v1::{Case, Procedure};
-use arthro_proto::planning::v1::{ResectionEvaluation, ResectionPlan};
+use arthro_proto::planning::v1::{BiteAccount, Planner, ResectionEvaluation, ResectionPlan};
 use arthro_proto::registration::v1::RegistrationResult;
 use serde_json::{Value, json};
 
@@ -53,20 +53,60 @@ pub fn plan(plan: &ResectionPlan) -> Value {
         .as_ref()
         .map_or_else(|| json!({}), evaluation);
     value["targets"] = json!(plan.bites.len());
+    value["views"] = json!(plan.views.len());
     value["seconds"] = json!(plan.seconds);
+    value["planner"] = json!(planner(plan));
+    if plan.planner() == Planner::Bites {
+        value["bound"] = json!(plan.bound);
+        value["complete"] = json!(plan.complete);
+        value["ended"] = json!(ended(plan));
+    }
     value
 }
 
+/// Who planned, as one word.
+pub fn planner(plan: &ResectionPlan) -> &'static str {
+    let name = plan.planner().as_str_name();
+    name.trim_start_matches("PLANNER_")
+}
+
+/// Why the search for fewer bites ended, as one word.
+pub fn ended(plan: &ResectionPlan) -> &'static str {
+    let name = plan.ended().as_str_name();
+    name.trim_start_matches("SEARCH_END_")
+}
+
 pub fn evaluation(evaluation: &ResectionEvaluation) -> Value {
+    let accounts: Vec<Value> = evaluation.accounts.iter().map(account).collect();
     json!({
+        "bites": evaluation.bites,
         "lesion_mm3": evaluation.lesion_mm3,
         "lesion_covered_percent": evaluation.lesion_covered_percent,
         "region_mm3": evaluation.region_mm3,
         "region_covered_percent": evaluation.region_covered_percent,
+        "removed_mm3": evaluation.removed_mm3,
+        "left_mm3": evaluation.left_mm3,
         "healthy_removed_mm3": evaluation.healthy_removed_mm3,
         "outside_removed_mm3": evaluation.outside_removed_mm3,
         "rim_min_mm": evaluation.rim_min_mm,
+        "rim_min_angle_deg": evaluation.rim_min_angle_rad.to_degrees(),
         "rim_mean_mm": evaluation.rim_mean_mm,
+        "scallop_rms_mm": evaluation.scallop_rms_mm,
+        "scallop_max_mm": evaluation.scallop_max_mm,
+        "edge_jumps": evaluation.edge_jumps,
+        "predicted_seconds": evaluation.predicted_seconds,
+        "order_feasible": evaluation.order_feasible,
+        "infeasible_bites": evaluation.infeasible_bites,
+        "accounts": accounts,
+    })
+}
+
+fn account(account: &BiteAccount) -> Value {
+    json!({
+        "region_mm3": account.region_mm3,
+        "outside_mm3": account.outside_mm3,
+        "throat_blocked_percent": account.throat_blocked_percent,
+        "seconds": account.seconds,
     })
 }
 
@@ -103,10 +143,19 @@ fn push_lines(value: &Value, depth: usize, lines: &mut Vec<String>) {
         if value.is_object() {
             lines.push(format!("{indent}{key}"));
             push_lines(value, depth + 1, lines);
+        } else if let Some(rows) = rows(value) {
+            lines.push(format!("{indent}{key}"));
+            lines.extend(rows.map(|row| format!("{indent}  {}", text(row))));
         } else {
             lines.push(format!("{indent}{key:width$}  {}", text(value)));
         }
     }
+}
+
+/// The items of a list of objects, a line each.
+fn rows(value: &Value) -> Option<impl Iterator<Item = &Value>> {
+    let items = value.as_array()?;
+    items.first()?.is_object().then(|| items.iter())
 }
 
 fn text(value: &Value) -> String {
@@ -117,6 +166,11 @@ fn text(value: &Value) -> String {
             _ => number.to_string(),
         },
         Value::Array(items) => items.iter().map(text).collect::<Vec<_>>().join(", "),
+        Value::Object(fields) => fields
+            .iter()
+            .map(|(key, field)| format!("{key} {}", text(field)))
+            .collect::<Vec<_>>()
+            .join("  "),
         Value::Null => "-".to_owned(),
         other => other.to_string(),
     }

@@ -90,6 +90,8 @@ pub struct Plan {
     pub bites: Vec<Bite>,
     /// The new free edge that the plan aims at, ct.
     pub contour: Vec<Point3>,
+    /// How the arthroscope watches each bite, in their order; may be empty.
+    pub views: Vec<View>,
     /// The jaw that the plan was made for.
     pub jaw: Jaw,
     /// The whole plan as it came.
@@ -107,6 +109,17 @@ pub struct Bite {
     pub opening: Vector3,
     /// The point of the contour that the jaw's edge meets.
     pub contour_point: Point3,
+}
+
+/// How the arthroscope looks at one bite, ct.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Where its shaft ends.
+    pub tip: Point3,
+    /// Along the shaft, out of the tip; unit.
+    pub approach: Vector3,
+    /// Turn of the optics about `approach`.
+    pub roll_rad: f64,
 }
 
 words! {
@@ -266,6 +279,7 @@ mod tests {
         Plan {
             bites: Vec::new(),
             contour: Vec::new(),
+            views: Vec::new(),
             jaw: Jaw::default(),
             encoded: Bytes::new(),
         }

@@ -25,7 +25,7 @@ const READERS: u32 = 4;
 
 const CASE_COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
-     plan_jaw_length_mm, approved_by, approved_digest";
+     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest";
 
 /// The open journal. The file belongs to this gateway until the last clone is dropped.
 #[derive(Debug)]
@@ -143,7 +143,8 @@ impl Journal for SqliteJournal {
         sqlx::query(
             "UPDATE cases SET revision = ?, model_digest = ?, lesion_spacing_mm = ?, scene_digest = ?, \
              scene_point_count = ?, scene_has_normals = ?, registration = ?, accepted_by = ?, plan = ?, \
-             plan_jaw_width_mm = ?, plan_jaw_length_mm = ?, approved_by = ?, approved_digest = ? \
+             plan_jaw_width_mm = ?, plan_jaw_length_mm = ?, plan_jaw_throat_mm = ?, approved_by = ?, \
+             approved_digest = ? \
              WHERE case_id = ?",
         )
         .bind(rows::integer(case.revision))
@@ -157,6 +158,7 @@ impl Journal for SqliteJournal {
         .bind(plan.map(|plan| plan.encoded.as_ref()))
         .bind(plan.map(|plan| plan.jaw.width_mm))
         .bind(plan.map(|plan| plan.jaw.length_mm))
+        .bind(plan.map(|plan| plan.jaw.throat_mm))
         .bind(approval.map(|approval| &approval.surgeon))
         .bind(approval.map(|approval| approval.digest.to_string()))
         .bind(&case.id)

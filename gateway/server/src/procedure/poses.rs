@@ -231,6 +231,7 @@ mod tests {
         Plan {
             bites,
             contour: Vec::new(),
+            views: Vec::new(),
             jaw: Jaw::default(),
             encoded: Bytes::new(),
         }

@@ -1,5 +1,6 @@
 //! `CaseService`.
 
+mod plans;
 mod uploads;
 
 use std::sync::Arc;
@@ -7,31 +8,25 @@ use std::sync::Arc;
 use arthro_proto::common::v1::Frame;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::case_service_server::CaseService;
-use arthro_proto::planning::v1 as planning;
 use arthro_proto::registration::v1 as registration;
 use tokio::sync::{Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::procedure::digest;
-use super::{Answers, Violations, id, refuse, text};
-use crate::cases::case::{self, Case, Stage};
+use super::{Answers, id, refuse, text};
+use crate::cases::case::{Case, Stage};
 use crate::cases::{Cases, surface};
 use crate::clients::Clients;
 use crate::config::Jaw;
-use crate::error::{Error, Result as DomainResult, Violation};
+use crate::error::{Error, Result as DomainResult};
 use crate::journal::Blob;
-use crate::procedure::poses;
 use crate::wire;
 
 /// Uploads and computations that hold a model or a cloud in memory at the same time.
 const LARGE_CALLS_MAX: usize = 4;
 /// Events of a computation that a slow client may lag behind.
 const EVENTS_BUFFERED: usize = 64;
-/// Most bites of a plan.
-const BITES_MAX: usize = 1_000;
-/// How far a bite's approach may be from the line from the portal, as the sine of the angle.
-const APPROACH_TOLERANCE: f64 = 0.02;
 
 /// Serves the cases.
 #[derive(Clone)]
@@ -184,7 +179,7 @@ impl CaseService for CaseApi {
     ) -> Result<Response<Self::PlanCaseStream>, Status> {
         let permit = self.large_call().map_err(refuse)?;
         let request = request.into_inner();
-        let jaw = self.check_plan_request(&request).map_err(refuse)?;
+        let jaw = plans::check(&request, self.jaw).map_err(refuse)?;
         let case = self.cases.get(&request.case_id).await.map_err(refuse)?;
         case.accepted().map_err(refuse)?;
         self.cases.cell().map_err(refuse)?;
@@ -286,100 +281,6 @@ impl CaseApi {
         }
         Ok(())
     }
-
-    fn check_plan_request(&self, request: &proto::PlanCaseRequest) -> DomainResult<Jaw> {
-        let mut violations = Violations::default();
-        violations.check(id("case_id", request.case_id.clone()));
-        violations.check(wire::point(request.start, "start"));
-        violations.check(wire::point(request.goal, "goal"));
-        violations.check(check_box(request.target_box.as_ref()));
-        let jaw = match request.jaw {
-            None => Some(self.jaw),
-            Some(jaw) => violations.check(wire::jaw(jaw, "jaw")),
-        };
-        if !(0.0..=20.0).contains(&request.rim_min_mm) {
-            violations.check::<()>(Err(Violation::new(
-                "rim_min_mm",
-                format!("is {} mm; must be within 0 .. 20 mm", request.rim_min_mm),
-            )));
-        }
-        violations.finish()?;
-        Ok(jaw.unwrap_or(self.jaw))
-    }
-
-    /// Carries the portal into ct, passes the events on, and keeps the plan before the client hears of it.
-    async fn plan(
-        &self,
-        case: Case,
-        request: proto::PlanCaseRequest,
-        jaw: Jaw,
-        answers: &mpsc::Sender<Result<proto::PlanCaseResponse, Status>>,
-    ) -> DomainResult<()> {
-        use planning::plan_resection_response::Event;
-        let cell = self.cases.cell()?;
-        let base_from_ct = poses::base_from_ct(case.accepted()?, cell);
-        let portal_in_ct = base_from_ct.inverse() * cell.forceps_portal;
-        let options = planning::PlanResectionOptions {
-            lesion_spacing_mm: lesion_spacing_mm(&case),
-            start: request.start,
-            goal: request.goal,
-            target_box: request.target_box,
-            portal: Some(wire::point_message(&portal_in_ct)),
-            jaw: Some(wire::jaw_message(&jaw)),
-            rim_min_mm: request.rim_min_mm,
-            seed: request.seed,
-            ..planning::PlanResectionOptions::default()
-        };
-        let model = self.cases.packed_model(&case.id).await?;
-        let mut events = self.clients.planning.plan(options, model).await?;
-        while let Some(event) = events.next().await? {
-            if let Some(Event::Plan(message)) = &event.event {
-                let plan = wire::plan(message, jaw)?;
-                self.cases.keep_plan(&case.id, case.revision, plan).await?;
-            }
-            let answer = proto::PlanCaseResponse { event: Some(event) };
-            if answers.send(Ok(answer)).await.is_err() {
-                return Ok(());
-            }
-        }
-        Ok(())
-    }
-
-    async fn revise(
-        &self,
-        request: proto::RevisePlanRequest,
-    ) -> DomainResult<(Case, planning::ResectionEvaluation)> {
-        let case_id = id("case_id", request.case_id)?;
-        let count = request.bites.len();
-        if !(1..=BITES_MAX).contains(&count) {
-            return Err(Error::invalid(
-                "bites",
-                format!("holds {count}; must hold 1 to {BITES_MAX}"),
-            ));
-        }
-        let bites = wire::bites(&request.bites)?;
-        let case = self.cases.get(&case_id).await?;
-        let plan = case.plan.as_ref().ok_or(Error::NotPlanned)?;
-        let cell = self.cases.cell()?;
-        let base_from_ct = poses::base_from_ct(case.accepted()?, cell);
-        check_approaches(&bites, &(base_from_ct.inverse() * cell.forceps_portal))?;
-
-        let mut message = decoded::<planning::ResectionPlan>(&plan.encoded);
-        let options = planning::EvaluateResectionOptions {
-            lesion_spacing_mm: lesion_spacing_mm(&case),
-            contour: message.contour.clone(),
-            bites: request.bites.clone(),
-            jaw: Some(wire::jaw_message(&plan.jaw)),
-            ..planning::EvaluateResectionOptions::default()
-        };
-        let model = self.cases.packed_model(&case_id).await?;
-        let evaluation = self.clients.planning.evaluate(options, model).await?;
-        message.bites = request.bites;
-        message.evaluation = Some(evaluation.clone());
-        let plan = wire::plan(&message, plan.jaw)?;
-        let case = self.cases.keep_plan(&case_id, case.revision, plan).await?;
-        Ok((case, evaluation))
-    }
 }
 
 /// Runs `work` in a task of its own, which is dropped, and its computation with it, when the client goes.
@@ -406,50 +307,6 @@ where
 /// What was read from the journal has been decoded before, when the case was loaded.
 fn decoded<M: prost::Message + Default>(encoded: &[u8]) -> M {
     M::decode(encoded).unwrap_or_default()
-}
-
-fn lesion_spacing_mm(case: &Case) -> f64 {
-    case.model
-        .as_ref()
-        .map_or(0.0, |model| model.lesion_spacing_mm)
-}
-
-fn check_box(message: Option<&arthro_proto::common::v1::Box>) -> Result<(), Violation> {
-    let Some(target_box) = message else {
-        return Err(Violation::new("target_box", "is missing"));
-    };
-    let min = wire::point(target_box.min, "target_box.min")?;
-    let max = wire::point(target_box.max, "target_box.max")?;
-    for (axis, name) in ["x_mm", "y_mm", "z_mm"].into_iter().enumerate() {
-        if min[axis] >= max[axis] {
-            return Err(Violation::new(
-                format!("target_box.min.{name}"),
-                format!("is {}; must be below max, {}", min[axis], max[axis]),
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// What is executed goes straight from the portal to the center, so what is approved has to say the same.
-fn check_approaches(
-    bites: &[case::Bite],
-    portal_in_ct: &arthro_geometry::Point3,
-) -> Result<(), Violation> {
-    for (index, bite) in bites.iter().enumerate() {
-        let shaft = (bite.center - portal_in_ct).normalize();
-        let sine = bite.approach.cross(&shaft).norm();
-        if !(sine <= APPROACH_TOLERANCE && bite.approach.dot(&shaft) > 0.0) {
-            return Err(Violation::new(
-                format!("bites[{index}].approach"),
-                format!(
-                    "is {:.1} deg off the line from the portal to the center; must be within 1.1 deg",
-                    bite.approach.angle(&shaft).to_degrees()
-                ),
-            ));
-        }
-    }
-    Ok(())
 }
 
 fn stage_message(stage: Stage) -> proto::CaseState {

@@ -1,7 +1,6 @@
 //! Cases: what each stage needs, keeps and voids.
 
 use arthro_gateway::config::Config;
-use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::CaseState;
 use arthro_proto::registration::v1 as registration;
@@ -247,24 +246,5 @@ async fn a_revised_plan_keeps_its_bites_over_a_read() {
     assert_eq!(
         described.case.unwrap().plan_digest,
         revised.case.unwrap().plan_digest
-    );
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn an_inverted_target_box_is_named() {
-    let mut bench = Bench::new().await;
-    let mut request = super::bench::plan_request("some case");
-    let target_box = request.target_box.as_mut().unwrap();
-    target_box.min = Some(common::Point {
-        x_mm: 70.0,
-        ..target_box.min.unwrap()
-    });
-    let refusal = bench.cases.plan_case(request).await.unwrap_err();
-    assert_eq!(
-        arthro_bootstrap::status::violations(&refusal),
-        [(
-            "target_box.min.x_mm".to_owned(),
-            "is 70; must be below max, 60".to_owned()
-        )]
     );
 }

@@ -15,6 +15,7 @@ use arthro_geometry::{Point3, Rotation, Vector3};
 use arthro_proto::common::v1::{Authorization, Operation, OperationState};
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
+use arthro_proto::planning::v1::PlanResectionOptions;
 use arthro_proto::planning::v1::planning_service_server::PlanningServiceServer;
 use arthro_proto::registration::v1::Verdict;
 use arthro_proto::registration::v1::registration_service_server::RegistrationServiceServer;
@@ -52,6 +53,10 @@ pub struct World {
     pub bitten_at: Mutex<Vec<Point3>>,
     /// The angle of the jaw's opening direction at each bite.
     pub bitten_along: Mutex<Vec<Vector3>>,
+    /// What planning was asked last.
+    pub plan_options: Mutex<Option<PlanResectionOptions>>,
+    /// The portal of the last planned bite.
+    pub last_bites_portal: Mutex<u32>,
     /// Points of the model that the registration received.
     pub source_points: watch::Sender<u32>,
     /// Both arms: forceps, arthroscope.
@@ -97,6 +102,8 @@ impl World {
             verdict: Mutex::new(Verdict::Accept),
             bitten_at: Mutex::default(),
             bitten_along: Mutex::default(),
+            plan_options: Mutex::default(),
+            last_bites_portal: Mutex::default(),
             source_points: watch::Sender::default(),
             arms: Mutex::new([arm(400.0), arm(0.0)]),
             rotation_deg: Mutex::new(10.0),

@@ -10,4 +10,5 @@ mod cases;
 mod crash;
 mod fakes;
 mod input;
+mod plans;
 mod procedure;

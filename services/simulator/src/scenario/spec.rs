@@ -54,6 +54,8 @@ impl Default for Displacement {
 pub struct TearSpec {
     /// From the free edge, as a share of the local width.
     pub depth_fraction: f64,
+    /// It ends at least this far from the rim, so that a resection around it leaves the rim that planning asks for, mm.
+    pub rim_min_mm: f64,
     /// Across, mm.
     pub width_mm: f64,
     /// The contour leaves the free edge this far on each side of the tear, degrees about the hole.
@@ -64,6 +66,7 @@ impl Default for TearSpec {
     fn default() -> Self {
         Self {
             depth_fraction: 0.42,
+            rim_min_mm: 3.5,
             width_mm: 1.5,
             reach_deg: 28.0,
         }
@@ -197,6 +200,12 @@ impl Spec {
             self.tear.depth_fraction,
             0.05..=0.9,
             "0.05 .. 0.9",
+        )?;
+        in_range(
+            "scenario.tear.rim_min_mm",
+            self.tear.rim_min_mm,
+            0.0..=20.0,
+            "0 .. 20 mm",
         )?;
         in_range(
             "scenario.tear.width_mm",

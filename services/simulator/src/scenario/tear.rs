@@ -20,9 +20,11 @@ impl Tear {
     /// In the middle of the body.
     pub fn in_body(crescent: &Crescent, spec: &TearSpec) -> Self {
         let body = edge_near(crescent, 0.0);
+        let depth_mm = spec.depth_fraction * body.width_mm();
+        let deepest_mm = (body.width_mm() - spec.rim_min_mm).max(0.0);
         Self {
             width_mm: spec.width_mm,
-            end_mm: body.free_edge_mm + spec.depth_fraction * body.width_mm(),
+            end_mm: body.free_edge_mm + depth_mm.min(deepest_mm),
         }
     }
 

@@ -85,6 +85,7 @@ fn plan(key: &Key, row: &SqliteRow, encoded: &[u8]) -> Result<Plan, JournalError
     let jaw = Jaw {
         width_mm: row.try_get("plan_jaw_width_mm")?,
         length_mm: row.try_get("plan_jaw_length_mm")?,
+        throat_mm: row.try_get("plan_jaw_throat_mm")?,
     };
     wire::plan(&message, jaw).map_err(|violation| {
         key.damaged(

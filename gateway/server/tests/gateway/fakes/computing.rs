@@ -3,6 +3,7 @@
 use std::pin::Pin;
 use std::sync::Arc;
 
+use arthro_bootstrap::status;
 use arthro_gateway::wire;
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
@@ -138,9 +139,21 @@ pub fn bites(portal: &Point3) -> Vec<planning::Bite> {
                 approach: Some(wire::direction_message(&approach)),
                 opening: Some(wire::direction_message(&opening)),
                 contour_point: Some(wire::point_message(&center)),
+                portal: 0,
             }
         })
         .collect()
+}
+
+/// A view from three quarters of the way from `portal` to `center`.
+fn view(portal: &Point3, center: Point3) -> planning::ArthroscopeView {
+    let approach = (center - portal).normalize();
+    planning::ArthroscopeView {
+        tip: Some(wire::point_message(&(portal + (center - portal) * 0.75))),
+        approach: Some(wire::direction_message(&approach)),
+        optical_axis: Some(wire::direction_message(&approach)),
+        ..planning::ArthroscopeView::default()
+    }
 }
 
 #[tonic::async_trait]
@@ -167,22 +180,38 @@ impl PlanningService for Fake {
         use planning::plan_resection_request::Payload;
         use planning::plan_resection_response::Event;
         let mut stream = request.into_inner();
-        let mut portal = None;
+        let mut options = planning::PlanResectionOptions::default();
         while let Some(message) = stream.message().await? {
-            if let Some(Payload::Options(options)) = message.payload {
-                portal = options.portal;
+            if let Some(Payload::Options(received)) = message.payload {
+                options = received;
             }
         }
-        let portal = wire::point(portal, "portal").unwrap();
+        if options.region_percent > 100.0 {
+            return Err(status::invalid(
+                "options.region_percent",
+                format!("is {}; must be 50 .. 100", options.region_percent),
+            ));
+        }
+        let portal = wire::point(options.portal, "portal").unwrap();
+        let mut bites = bites(&portal);
+        bites[2].portal = *self.0.last_bites_portal.lock().unwrap();
+        let views = options.arthroscope.iter().flat_map(|arthroscope| {
+            let portal = wire::point(arthroscope.portal, "portal").unwrap();
+            CENTERS.map(|[x, y, z]| view(&portal, Point3::new(x, y, z)))
+        });
+        let views = views.collect();
+        *self.0.plan_options.lock().unwrap() = Some(options);
         let event = |event| planning::PlanResectionResponse { event: Some(event) };
         Ok(Response::new(answers(vec![
             event(Event::Progress(planning::PlanProgress {
                 stage: "rrt".to_owned(),
                 iterations: 10,
                 fraction: 0.5,
+                ..planning::PlanProgress::default()
             })),
             event(Event::Plan(planning::ResectionPlan {
-                bites: bites(&portal),
+                bites,
+                views,
                 contour: vec![wire::point_message(&Point3::new(53.0, 48.0, 61.0))],
                 ..planning::ResectionPlan::default()
             })),
