@@ -355,7 +355,7 @@ impl Arrow {
         let baseline = if has_room {
             baseline
         } else {
-            y + 0.3 * TEXT_MM
+            y + 0.6 * TEXT_MM
         };
         let is_right = x > 0.5 * (panel.left + panel.right());
         let (x, anchor) = if is_right {
