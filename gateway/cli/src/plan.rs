@@ -56,7 +56,7 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
         list.write(path)?;
     }
     let title = match arguments.region.scenario {
-        Some(name) => format!("{}: {name:?}", asked.name).to_lowercase(),
+        Some(name) => format!("{}: {}", asked.name, format!("{name:?}").to_lowercase()),
         None => asked.name.clone(),
     };
     let rim_min_mm = Some(asked.request.contour_rules.rim_min_mm);
