@@ -7,6 +7,7 @@ use super::site::Site;
 use crate::bites_file::LesionPoints;
 use crate::drawing::{Anchor, At, Color, Drawing, width_mm};
 
+mod arrow;
 mod labels;
 mod legend;
 mod rim_map;

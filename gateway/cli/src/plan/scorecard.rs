@@ -71,8 +71,10 @@ fn meniscus(
     arguments: &Plan,
     output: &Output,
 ) -> Value {
-    let model = model.as_ref().map(Model::clone).map_err(row::again);
-    let asked = model.and_then(|model| Asked::standard(name, model, arguments));
+    let asked = match model {
+        Ok(model) => Asked::standard(name, model.clone(), arguments),
+        Err(failure) => Err(row::again(failure)),
+    };
     let case = Case::of(asked, Warming::None, arguments.deadline_s);
     let file = path
         .file_name()
