@@ -173,12 +173,12 @@ pub fn choose(
     // A tight limit first; what it does not allow may be allowed by the wide one.
     let [tight_mm3, wide_mm3] = rules.outside_limits_mm3;
     let mut search = Search::of(&problem, attempts);
-    let mut started = search.start()?;
+    let mut started = begin(&mut search, &problem, access, attempts)?;
     let wider;
     if !started && wide_mm3 > tight_mm3 && attempts.go_on() {
         wider = problem.with_outside_limit(wide_mm3, task);
         search = Search::of(&wider, attempts);
-        started = search.start()?;
+        started = begin(&mut search, &wider, access, attempts)?;
     }
     if !started {
         if !attempts.go_on() {
@@ -215,4 +215,38 @@ pub fn choose(
         complete,
         ended,
     })
+}
+
+/// Starts a search; whether it has a complete set. Of several portals the best alone comes first, so
+/// that one more portal is never a loss.
+fn begin(
+    search: &mut Search<'_>,
+    problem: &Problem,
+    access: &Access<'_>,
+    attempts: Attempts<'_>,
+) -> Result<bool, Error> {
+    if access.portals.len() > 1 {
+        let mut best: Option<Vec<poses::Place>> = None;
+        for portal in 0..access.portals.len() {
+            let alone = problem.through(portal);
+            if !Reachable::of(&alone).is_enough(&alone) {
+                continue;
+            }
+            let mut search = Search::of(&alone, attempts);
+            if !search.start()? {
+                continue;
+            }
+            while search.improve()? {}
+            let fewer = best
+                .as_ref()
+                .is_none_or(|best| search.best.chosen.len() < best.len());
+            if fewer {
+                best = Some(search.best.places());
+            }
+        }
+        if let Some(best) = best {
+            search.adopt(&best);
+        }
+    }
+    search.start()
 }

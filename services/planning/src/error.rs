@@ -103,8 +103,8 @@ pub enum Error {
     /// Tissue that stays whatever is bitten: no bite that keeps box, rim and reach meets it, or the
     /// throat of every such bite stays blocked.
     #[error(
-        "{residual_mm3:.1} mm3 of the region around ({:.1}, {:.1}, {:.1}) mm stay whatever is bitten, the limit is {allowed_mm3:.1} mm3; {blocked_mm3:.1} mm3 of them because the jaw's throat stays blocked; possible with a region of at most {:.1} %, perhaps with another portal, or as a partial plan",
-        at.x, at.y, at.z, possible_percent
+        "{residual_mm3:.1} mm3 of the region around ({:.1}, {:.1}, {:.1}) mm stay whatever is bitten, the limit is {allowed_mm3:.1} mm3; {blocked_mm3:.1} mm3 of them because the jaw's throat stays blocked; {lesion_percent:.1} % of the lesion stay, of which nothing may; possible with a region of at most {possible_percent:.1} %, perhaps with another portal, or as a partial plan",
+        at.x, at.y, at.z
     )]
     UnreachableTissue {
         /// What stays, mm3.
@@ -113,6 +113,8 @@ pub enum Error {
         allowed_mm3: f64,
         /// Part of what stays for the sake of the throat, mm3.
         blocked_mm3: f64,
+        /// Share of the lesion that stays, percent.
+        lesion_percent: f64,
         /// Share of the region that goes if everything that can be bitten is, percent.
         possible_percent: f64,
         /// Its middle, in ct, mm.
@@ -281,6 +283,7 @@ impl From<Error> for Status {
                 residual_mm3,
                 allowed_mm3,
                 blocked_mm3,
+                lesion_percent,
                 possible_percent,
                 at,
             } => status::refused(
@@ -290,6 +293,7 @@ impl From<Error> for Status {
                     ("residual_mm3", mm(residual_mm3)),
                     ("allowed_mm3", mm(allowed_mm3)),
                     ("blocked_mm3", mm(blocked_mm3)),
+                    ("lesion_percent", mm(lesion_percent)),
                     ("possible_percent", mm(possible_percent)),
                     ("x_mm", mm(at.x)),
                     ("y_mm", mm(at.y)),

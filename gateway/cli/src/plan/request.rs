@@ -134,6 +134,7 @@ impl Asked {
             planner: Planner::Bites,
             limits: Limits::default(),
             effort: 1,
+            knee: None,
             arthroscope: None,
             seed: 1,
         };

@@ -16,6 +16,9 @@ const ATTEMPTS: usize = 2;
 /// Exchanges of one annealing for each bite of the set, from a high temperature and from a low one.
 const STEPS_A_BITE: [usize; 2] = [4_000, 2_000];
 
+/// Of many bites each gets fewer.
+const MAX_STEPS: usize = 80_000;
+
 /// Who anneals, how long and as long as what.
 #[derive(Clone, Copy)]
 pub(super) struct Attempts<'a> {
@@ -116,7 +119,8 @@ impl Attempts<'_> {
             Start::Anywhere => STEPS_A_BITE[0],
             Start::Near => STEPS_A_BITE[1],
         };
-        steps_a_bite * set.chosen.len() * self.effort.factor.max(1) as usize
+        let steps = (steps_a_bite * set.chosen.len()).min(MAX_STEPS);
+        steps * self.effort.factor.max(1) as usize
     }
 
     fn random(&self, stream: u64) -> ChaCha8Rng {

@@ -29,8 +29,8 @@ const COARSE_MM: f64 = COARSE as f64 * FINE_MM;
 const MAX_OUTSIDE_MM3: f64 = 3.0;
 /// The least of the region that makes a bite worth considering, mm3.
 const MIN_REGION_MM3: f64 = 0.8;
-/// How far over the contour a bite may go where the rim is thin already, mm.
-const THIN_RIM_OVERCUT_MM: f64 = 0.1;
+/// How far over the contour a bite may go where that leaves no more than the rim that must be left, mm.
+const OVERCUT_MM: f64 = 0.1;
 /// Rows of poses between two reports.
 const REPORT_EVERY: usize = 8;
 
@@ -103,8 +103,8 @@ pub(super) struct Ground<'a> {
     pub(super) task: &'a Task<'a>,
     access: &'a Access<'a>,
     pub(super) region: &'a [bool],
-    /// Voxels of the rim that must be left.
-    untouchable: Vec<bool>,
+    /// The line that no bite may cross, point by point: the rim begins there.
+    rim: Vec<Point3>,
     /// What must be covered wherever the bites land; empty if nothing needs that care.
     lesion: Vec<Point3>,
 }
@@ -115,7 +115,7 @@ impl<'a> Ground<'a> {
             task,
             access,
             region,
-            untouchable: untouchable(task, access.rim_min_mm),
+            rim: rim(task, access.rim_min_mm),
             lesion: match access.placement_error_mm {
                 Some(_) => thinned(task),
                 None => Vec::new(),
@@ -161,7 +161,7 @@ impl<'a> Ground<'a> {
         let inside = inside.count();
         if mm3(inside) < MIN_REGION_MM3
             || mm3(cut.len() - inside) > MAX_OUTSIDE_MM3
-            || cut.iter().any(|voxel| self.untouchable[*voxel as usize])
+            || self.cuts_rim(&bite)
             || !(self.access.allowed)(portal, &bite)
         {
             return None;
@@ -190,6 +190,11 @@ impl<'a> Ground<'a> {
             .iter()
             .map(|voxel| self.task.voxels.centers()[*voxel as usize].z);
         Some(heights.sum::<f64>() / cut.len() as f64)
+    }
+
+    fn cuts_rim(&self, bite: &Bite) -> bool {
+        let cut = bite.cut(&self.task.jaw);
+        self.rim.iter().any(|point| cut.contains(point))
     }
 
     fn lesion_cut(&self, bite: &Bite) -> Vec<(u32, u32)> {
@@ -221,18 +226,22 @@ fn thinned(task: &Task<'_>) -> Vec<Point3> {
     new.copied().collect()
 }
 
-/// Voxels of the rim that must be left.
-fn untouchable(task: &Task<'_>, rim_min_mm: f64) -> Vec<bool> {
-    let is_rim = |center: &Point3| {
-        let angle_rad = task.crescent.angle_rad(center);
-        let radius_mm = center.xy().coords.norm();
+/// Where the rim begins that must be left, on every ray: as wide as asked for, or, where the contour
+/// itself leaves no more, hardly outboard of the contour.
+fn rim(task: &Task<'_>, rim_min_mm: f64) -> Vec<Point3> {
+    let Task {
+        crescent, voxels, ..
+    } = task;
+    let points = crescent.rays().filter_map(|angle_rad| {
+        let inner_mm = crescent.rim_mm(angle_rad)? - rim_min_mm;
         let contour_mm = task.band.and_then(|band| band.radius_mm(angle_rad));
-        let left_mm = task
-            .crescent
-            .rim_mm(angle_rad)
-            .map(|rim_mm| rim_mm - radius_mm);
-        left_mm.is_none_or(|left_mm| left_mm < rim_min_mm)
-            && contour_mm.is_none_or(|contour_mm| radius_mm > contour_mm + THIN_RIM_OVERCUT_MM)
-    };
-    task.voxels.centers().iter().map(is_rim).collect()
+        let radius_mm = contour_mm.map_or(inner_mm, |contour| inner_mm.max(contour + OVERCUT_MM));
+        let (x, y) = (radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin());
+        Some(Point3::new(
+            x,
+            y,
+            voxels.middle_mm(x, y, voxels.voxel_mm())?,
+        ))
+    });
+    points.collect()
 }

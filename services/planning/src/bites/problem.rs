@@ -91,6 +91,15 @@ impl Problem {
         }
     }
 
+    /// The same through one portal alone.
+    pub(super) fn through(&self, portal: usize) -> Self {
+        let mut alone = self.clone();
+        alone
+            .candidates
+            .retain(|candidate| candidate.portal == portal);
+        alone
+    }
+
     /// The same with the limits of another.
     pub(super) fn with_limits_of(self, other: &Self) -> Self {
         Self {

@@ -10,6 +10,9 @@ use super::selection::Selection;
 use crate::error::Error;
 use crate::evaluation::Task;
 
+/// Share of what could be cleared that a partial plan clears.
+const PARTIAL_SHARE: f64 = 0.97;
+
 /// What everything that can be bitten clears.
 #[derive(Debug)]
 pub(super) struct Reachable {
@@ -45,6 +48,11 @@ impl Reachable {
         }
     }
 
+    /// Whether no more stays than may.
+    pub(super) fn is_enough(&self, problem: &Problem) -> bool {
+        self.region >= problem.region_needed && self.ways[0] >= problem.lesion_needed[0]
+    }
+
     /// The refusal if more stays than the rules allow.
     pub(super) fn refusal(
         &self,
@@ -52,7 +60,7 @@ impl Reachable {
         ground: &Ground<'_>,
         rules: &Rules,
     ) -> Option<Error> {
-        if self.region >= problem.region_needed && self.ways[0] >= problem.lesion {
+        if self.is_enough(problem) {
             return None;
         }
         let Ground { task, region, .. } = *ground;
@@ -72,7 +80,8 @@ impl Reachable {
             residual_mm3: mm3(residual.len()),
             allowed_mm3: (1.0 - rules.region_share) * mm3(whole),
             blocked_mm3: mm3(blocked.len()),
-            possible_percent: 100.0 * self.region as f64 / whole.max(1) as f64,
+            lesion_percent: percent(problem.lesion - self.ways[0], problem.lesion),
+            possible_percent: percent(self.region, whole),
             at: task.crescent.ct_from_meniscal * middle(&residual),
         })
     }
@@ -99,9 +108,11 @@ impl Reachable {
         }
     }
 
-    /// Asks for no more than can be had.
+    /// Asks for no more than can be had, and of the region for a little less: the last of it would take
+    /// the most bites.
     pub(super) fn lower(&self, problem: &mut Problem) {
-        problem.region_needed = problem.region_needed.min(self.region);
+        let possible = (PARTIAL_SHARE * self.region as f64) as usize;
+        problem.region_needed = problem.region_needed.min(possible);
         problem.lesion_needed[0] = problem.lesion_needed[0].min(self.ways[0]);
     }
 }
@@ -134,4 +145,8 @@ fn marked<'a>(marks: &'a [bool], task: &'a Task<'_>) -> impl Iterator<Item = &'a
 fn middle(points: &[&Point3]) -> Point3 {
     let sum: Vector3 = points.iter().map(|point| point.coords).sum();
     Point3::from(sum / points.len().max(1) as f64)
+}
+
+fn percent(part: usize, whole: usize) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
 }

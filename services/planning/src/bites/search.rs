@@ -4,6 +4,7 @@ use super::anneal::Moves;
 use super::attempts::{Attempts, Outcome, Start};
 use super::exhaustion::{self, Exhaustion};
 use super::order::{self, Gone};
+use super::poses::Place;
 use super::problem::Problem;
 use super::selection::Selection;
 use super::{Ended, bound, greedy};
@@ -48,7 +49,15 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Completes the greedy choice; whether that succeeds.
+    /// Begins with a set that is known, if it is complete.
+    pub(super) fn adopt(&mut self, places: &[Place]) {
+        let mut set = Selection::of(places, self.problem);
+        if set.is_complete() {
+            self.best = set;
+        }
+    }
+
+    /// Completes what it begins with; whether that succeeds.
     pub(super) fn start(&mut self) -> Result<bool, Error> {
         for more in 0..=MORE_BITES {
             if self.best.is_complete() {
