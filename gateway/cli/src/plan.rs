@@ -4,6 +4,7 @@ use std::path::Path;
 
 use arthro_planning::bites::Ended;
 use arthro_planning::plan::{Choice, Progress};
+use arthro_planning::reach::Clearance;
 use serde_json::{Value, json};
 
 use crate::arguments::{Pictures, Plan};
@@ -77,6 +78,9 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
     value["seconds"] = json!(answer.seconds);
     value["choice"] = choice(answer.choice.as_ref());
     value["portals"] = json!(portals(list));
+    if !answer.clearances.is_empty() {
+        value["clearances"] = answer.clearances.iter().map(clearance).collect();
+    }
     if !list.views.is_empty() {
         value["views"] = list.views.iter().map(view).collect();
     }
@@ -137,6 +141,17 @@ fn told(answer: &Answer) -> String {
     let partial = if choice.complete { "" } else { "PARTIAL: " };
     let bound = choice.bound;
     format!("{partial}{bites} bites, none with fewer than {bound}; {why}, {seconds:.2} s")
+}
+
+/// How much room a shaft has.
+fn clearance(room: &Clearance) -> Value {
+    json!({
+        "femur_mm": room.femur_mm,
+        "tibia_mm": room.tibia_mm,
+        "meniscus_mm": room.meniscus_mm,
+        "elevation_deg": room.elevation_rad.to_degrees(),
+        "insertion_mm": room.insertion_mm,
+    })
 }
 
 /// How good the choice is; null where none was made.

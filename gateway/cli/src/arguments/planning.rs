@@ -17,6 +17,21 @@ const REGION_PERCENT: RangeInclusive<f64> = 50.0..=100.0;
 const OUTSIDE_MM3: RangeInclusive<f64> = 0.0..=1000.0;
 const PLACEMENT_ERROR_MM: RangeInclusive<f64> = 0.0..=3.0;
 
+/// The joint that the forceps' shaft must keep clear of.
+#[derive(Debug, Args)]
+pub struct Joint {
+    /// How far the joint is opened, mm: the femur is lifted so far from where it was scanned; without --femur the gap
+    /// between the meniscus and a ball that stands for the condyle. Without this nothing is known of the joint.
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    pub opening_mm: Option<f64>,
+    /// Surface of the femur in ct, near the joint.
+    #[arg(long, value_name = "FILE", requires = "opening_mm")]
+    pub femur: Option<PathBuf>,
+    /// Surface of the tibia in ct, near the joint.
+    #[arg(long, value_name = "FILE", requires = "opening_mm")]
+    pub tibia: Option<PathBuf>,
+}
+
 #[derive(Debug, Args)]
 pub struct Plan {
     /// Closed surface of the meniscus (PLY, STL, OBJ), or `phantom`, the built-in one.
@@ -42,6 +57,8 @@ pub struct Plan {
     /// Also plans from where an arthroscope that enters here watches each bite: x,y,z in ct, mm.
     #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     pub arthroscope: Option<Point3>,
+    #[command(flatten)]
+    pub joint: Joint,
     /// Same seed, same plan.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -56,7 +73,7 @@ pub struct Plan {
     /// Plans the standard cases instead and prints them beside the paper's 39 bites on the same contour. `seconds` is
     /// the wall time of one run of the planner alone, without reading, scoring and drawing; on the phantom after one run
     /// that does not count, which starts the threads.
-    #[arg(long, conflicts_with_all = ["model", "start", "target_box", "lesion", "contour", "scenario", "out", "svg", "png", "portal", "arthroscope", "planner"])]
+    #[arg(long, conflicts_with_all = ["model", "start", "target_box", "lesion", "contour", "scenario", "out", "svg", "png", "portal", "arthroscope", "opening_mm", "planner"])]
     pub scorecard: bool,
     /// Also plans the standard cases on every PLY file of this folder, or of `menisci` in it, through the
     /// anterolateral portal of a generic knee. A file that states neither axes nor unit is taken to be in LPS and mm.

@@ -1,5 +1,6 @@
 //! What is asked of the planner, and its answer: the one place that knows the planner's own request.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use arthro_geometry::Point3;
@@ -11,6 +12,7 @@ use arthro_planning::paper::{Cost, Search};
 use arthro_planning::plan::{
     self, Arthroscope, Choice, Limits, Planned, Planner, Progress, Request,
 };
+use arthro_planning::reach::{self, Clearance, Knee, Popliteal, Shaft};
 use arthro_planning::target::{Aim, Rules, Target};
 use arthro_planning::view::{Optics, View};
 
@@ -22,6 +24,7 @@ use crate::arguments::{PaperCostName, Plan, PlannerName, Region, ScenarioName};
 use crate::bites_file::{
     BitesFile, JAW_LENGTH_MM, JAW_WIDTH_MM, LesionPoints, ListedBite, ListedView, MAX_PORTALS,
 };
+use crate::commands::stated;
 use crate::exit::Failure;
 
 /// Width and length of the jaw if nobody says its size, mm.
@@ -49,6 +52,8 @@ pub struct Answer {
     pub list: BitesFile,
     /// How good the choice is, if one was made.
     pub choice: Option<Choice>,
+    /// How much room the shaft has at each bite; empty if nothing is known of the joint.
+    pub clearances: Vec<Clearance>,
     /// How long the planner took, s.
     pub seconds: f64,
 }
@@ -104,6 +109,7 @@ impl Asked {
                 })
             }
         };
+        asked.request.knee = knee(arguments, &asked.request.jaw)?;
         Ok(asked)
     }
 
@@ -198,7 +204,9 @@ impl Asked {
             views: plan.views.iter().map(ListedView::from).collect(),
             ..self.list(plan.contour)
         };
+        let rooms = plan.bites.iter().filter_map(|planned| planned.clearance);
         Ok(Answer {
+            clearances: rooms.collect(),
             list,
             choice: plan.choice,
             seconds,
@@ -316,6 +324,27 @@ fn read_lesion(
     };
     let site = Site::of(&model.mesh, portal, region.voxel_mm)?;
     marked.on(&site).map(Some)
+}
+
+/// What is known of the joint.
+fn knee(arguments: &Plan, jaw: &Jaw) -> Result<Option<Knee>, Failure> {
+    let joint = &arguments.joint;
+    let Some(opening_mm) = joint.opening_mm else {
+        return Ok(None);
+    };
+    let bone = |path: &Option<PathBuf>| {
+        let stated = stated(arguments.stated);
+        let model = path.as_ref().map(|path| Model::of_file(path, stated));
+        model.transpose().map(|model| model.map(|model| model.mesh))
+    };
+    Ok(Some(Knee {
+        femur: bone(&joint.femur)?,
+        tibia: bone(&joint.tibia)?,
+        opening_mm,
+        shaft: Shaft::forceps(jaw),
+        limits: reach::Limits::default(),
+        popliteal: Popliteal::default(),
+    }))
 }
 
 fn planner(arguments: &Plan) -> Planner {

@@ -143,3 +143,22 @@ fn what_cannot_be_cleared_is_refused_and_planned_in_part_only_when_asked() {
         "{partial}"
     );
 }
+
+#[test]
+fn a_joint_too_narrow_for_the_shaft_is_refused_with_the_opening_that_would_do() {
+    let tear = ["plan", "phantom", "--scenario", "tear"];
+    let (code, closed) = arthro(&[&tear[..], &["--opening-mm=-6"]].concat());
+    assert_eq!(code, 3, "{closed}");
+    assert_eq!(closed["error"]["reason"], "JOINT_GAP_TOO_SMALL", "{closed}");
+
+    let (code, open) = arthro(&[&tear[..], &["--opening-mm=8"]].concat());
+    assert_eq!(code, 0, "{open}");
+    let rooms = open["clearances"].as_array().unwrap();
+    assert_eq!(rooms.len() as u64, open["bites"].as_u64().unwrap());
+    assert!(
+        rooms
+            .iter()
+            .all(|room| room["femur_mm"].as_f64().unwrap() >= 0.5),
+        "{open}"
+    );
+}
