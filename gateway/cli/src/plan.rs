@@ -43,21 +43,28 @@ pub async fn run(arguments: Plan, output: &Output) -> Result<(), Failure> {
     let is_generic = arguments.region.portal.is_empty() && model.source == files::Source::Surface;
     let asked = Asked::read(&arguments, model)?;
     if is_generic {
-        output.note("no portal is given; taken are those of a generic knee");
+        let [x, y, z] = <[f64; 3]>::from(asked.request.portals[0]);
+        output.note(format!(
+            "no portal is given; taken is that of a generic knee at {x:.1},{y:.1},{z:.1}"
+        ));
     }
     let answer = answer(&asked, arguments.deadline_s, output).await?;
     let list = &answer.list;
+    output.note(told(&answer));
     let score = Score::of(&asked.request.model, list, asked.request.voxel_mm)?;
     if let Some(path) = &arguments.out {
         list.write(path)?;
     }
     let title = match arguments.region.scenario {
-        Some(name) => format!("{}: {name:?}", asked.name).to_lowercase(),
+        Some(name) => format!("{}: {}", asked.name, format!("{name:?}").to_lowercase()),
         None => asked.name.clone(),
     };
     let rim_min_mm = Some(asked.request.contour_rules.rim_min_mm);
     let headline = match answer.choice {
-        Some(choice) if !choice.complete => format!("partial   {}", score.line()),
+        Some(choice) if !choice.complete => {
+            let left_mm3 = score.evaluation.left_mm3;
+            format!("PARTIAL, {left_mm3:.1} mm3 left   {}", score.line())
+        }
         _ => score.line(),
     };
     let page = Page {
@@ -114,6 +121,22 @@ fn words(progress: &Progress) -> String {
         words.push_str(&format!(", none with fewer than {bound}"));
     }
     words
+}
+
+/// What there is in the end.
+fn told(answer: &Answer) -> String {
+    let (bites, seconds) = (answer.list.bites.len(), answer.seconds);
+    let Some(choice) = answer.choice else {
+        return format!("{bites} bites on a path, {seconds:.2} s");
+    };
+    let why = match choice.ended {
+        Ended::Optimal => "no fewer can do",
+        Ended::Effort => "the search is used up",
+        Ended::Deadline => "the time is up",
+    };
+    let partial = if choice.complete { "" } else { "PARTIAL: " };
+    let bound = choice.bound;
+    format!("{partial}{bites} bites, none with fewer than {bound}; {why}, {seconds:.2} s")
 }
 
 /// How good the choice is; null where none was made.

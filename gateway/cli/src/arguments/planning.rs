@@ -58,7 +58,8 @@ pub struct Plan {
     /// that does not count, which starts the threads.
     #[arg(long, conflicts_with_all = ["model", "start", "target_box", "lesion", "contour", "scenario", "out", "svg", "png", "portal", "arthroscope", "planner"])]
     pub scorecard: bool,
-    /// Also plans the standard cases on every PLY file of this folder, or of `menisci` in it.
+    /// Also plans the standard cases on every PLY file of this folder, or of `menisci` in it, through the
+    /// anterolateral portal of a generic knee. A file that states neither axes nor unit is taken to be in LPS and mm.
     #[arg(long, value_name = "FOLDER", requires = "scorecard")]
     pub data: Option<PathBuf>,
     #[command(flatten)]

@@ -107,11 +107,11 @@ impl Asked {
         Ok(asked)
     }
 
-    /// A standard case through the portals of a knee.
+    /// A standard case through the anterolateral portal, as the command line has it otherwise.
     pub fn standard(name: ScenarioName, model: Model, arguments: &Plan) -> Result<Self, Failure> {
-        let portals = scenario::portals(&model)?;
-        let marks = Marks::standard(name, &model, &portals[0], arguments.region.voxel_mm)?;
-        Self::of(arguments, model, portals, marks)
+        let portal = scenario::anterolateral(&model)?;
+        let marks = Marks::standard(name, &model, &portal, arguments.region.voxel_mm)?;
+        Self::of(arguments, model, vec![portal], marks)
     }
 
     /// What is marked on a model, with the usual limits.
@@ -272,7 +272,7 @@ pub fn portals(region: &Region, model: &Model) -> Result<Vec<Point3>, Failure> {
             "a surface does not say where the forceps enter; give --portal",
         ));
     }
-    scenario::portals(model)
+    Ok(vec![scenario::anterolateral(model)?])
 }
 
 /// The jaw of this width and length; the usual one if nobody says them.

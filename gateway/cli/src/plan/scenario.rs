@@ -77,11 +77,11 @@ impl Marks {
     }
 }
 
-/// Where the forceps may enter: anterolateral on the phantom; on a surface, which says nothing about its knee, the
-/// anterolateral and the anteromedial portal of a generic one around it.
-pub fn portals(model: &Model) -> Result<Vec<Point3>, Failure> {
+/// The anterolateral portal: that of the phantom; for a surface, which says nothing about its knee, that of a generic
+/// one around it.
+pub fn anterolateral(model: &Model) -> Result<Point3, Failure> {
     if model.source == Source::Phantom {
-        return Ok(vec![phantom::PORTAL_ANTEROLATERAL]);
+        return Ok(phantom::PORTAL_ANTEROLATERAL);
     }
     // Refuses what is no meniscus before any memory is taken for its knee.
     let above = model.mesh.vertices.first().copied().unwrap_or_default() + Vector3::z();
@@ -89,8 +89,8 @@ pub fn portals(model: &Model) -> Result<Vec<Point3>, Failure> {
     let voxels = KneeVoxels::from_mesh(&model.mesh, KNEE_VOXEL_MM);
     let knee = Knee::of_mesh(&model.mesh, &voxels)
         .map_err(|error| Failure::refused_because("INVALID_ARGUMENT", &error))?;
-    let portals = Layout::default().portals_in_knee(&knee);
-    Ok(portals.map(|portal| knee.ct_from_knee * portal).to_vec())
+    let [forceps, _] = Layout::default().portals_in_knee(&knee);
+    Ok(knee.ct_from_knee * forceps)
 }
 
 fn torn_phantom(mesh: &Mesh) -> LesionPoints {
@@ -112,13 +112,15 @@ fn band_ends(site: &Site, portal: &Point3) -> Result<Aim, Failure> {
     let crescent = &site.crescent;
     let (first_rad, last_rad) = span_rad(site)?;
     let middle_rad = 0.5 * (first_rad + last_rad);
+    // A fitted contour and the rim at its goal are known to half a voxel.
+    let left_mm = BAND_RIM_MM + 0.5 * site.voxels.voxel_mm();
     // The forceps come from the anterior side.
     let anterior = (crescent.ct_from_meniscal.inverse() * *portal).y.signum();
     let ends = BAND_ENDS.map(|(angle_deg, share)| {
         let angle_rad = (middle_rad + anterior * angle_deg.to_radians()).clamp(first_rad, last_rad);
-        let (edge_mm, rim_mm) = (crescent.edge_mm(angle_rad)?, crescent.rim_mm(angle_rad)?);
-        let width_mm = rim_mm - edge_mm;
-        let depth_mm = (share * width_mm).min(width_mm - BAND_RIM_MM).max(0.0);
+        let edge_mm = crescent.edge_mm(angle_rad)?;
+        let width_mm = crescent.rim_mm(angle_rad)? - edge_mm;
+        let depth_mm = (share * width_mm).min(width_mm - left_mm).max(0.0);
         let radius_mm = edge_mm + depth_mm;
         let (x, y) = (radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin());
         let height_mm = site.voxels.middle_mm(x, y, HEIGHT_REACH_MM)?;

@@ -3,12 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
+use arthro_geometry::stated::{Stated, Statements};
+use arthro_geometry::surface_file;
 use serde_json::{Value, json};
 
 use super::files::Model;
 use super::request::Asked;
 use crate::arguments::{Plan, ScenarioName};
-use crate::commands::stated;
+use crate::commands::{self, stated};
 use crate::exit::Failure;
 use crate::output::Output;
 
@@ -31,7 +33,7 @@ pub fn run(arguments: &Plan, output: &Output) -> Result<(), Failure> {
     let mut value = phantom(arguments, output);
     let stated = stated(arguments.stated);
     let rows = paths.iter().flat_map(|path| {
-        let model = Model::of_file(path, stated);
+        let model = read(path, stated, output);
         SCENARIOS.map(|(word, name)| meniscus(path, (word, name), &model, arguments, output))
     });
     value["menisci"] = rows.collect();
@@ -69,8 +71,10 @@ fn meniscus(
     arguments: &Plan,
     output: &Output,
 ) -> Value {
-    let model = model.as_ref().map(Model::clone).map_err(row::again);
-    let asked = model.and_then(|model| Asked::standard(name, model, arguments));
+    let asked = match model {
+        Ok(model) => Asked::standard(name, model.clone(), arguments),
+        Err(failure) => Err(row::again(failure)),
+    };
     let case = Case::of(asked, Warming::None, arguments.deadline_s);
     let file = path
         .file_name()
@@ -86,6 +90,22 @@ fn meniscus(
     value["scenario"] = json!(word);
     value["paper"] = row::describe(&case.paper);
     value
+}
+
+/// Reads a meniscus. One that states neither axes nor unit is taken as it stands, in mm: its case is put on its own
+/// shape, which no turn changes. The planner refuses what has not the size of a meniscus.
+fn read(path: &Path, given: Option<Stated>, output: &Output) -> Result<Model, Failure> {
+    let bytes = commands::read(path)?;
+    let surface = surface_file::read_as_it_stands(path, &bytes)
+        .map_err(|error| commands::unreadable(path, &error))?;
+    if given.is_some() || surface.statements != Statements::default() {
+        return Model::of_file(path, given);
+    }
+    output.note(format!(
+        "{} states neither axes nor unit; taken are LPS and mm",
+        path.display()
+    ));
+    Model::of_file(path, Some(Stated::LPS_MM))
 }
 
 /// Whether the planner runs once before its time is taken.

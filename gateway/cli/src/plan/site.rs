@@ -48,12 +48,6 @@ impl Site {
         self.crescent.ct_from_meniscal.direction(&Vector3::z())
     }
 
-    /// Lowest and highest tissue at a place, mm.
-    pub fn column(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let place = place(x, y, self.voxels.voxel_mm());
-        self.columns.get(&place).copied()
-    }
-
     /// The greatest thickness of the tissue, mm.
     pub fn thickest_mm(&self) -> f64 {
         let columns = self.columns.values();

@@ -1,7 +1,11 @@
 //! The rim that the bites leave, over the angle about the crescent: left and right as in the view from superior.
 
-use arthro_geometry::Point3;
+use arthro_planning::evaluation::Task;
+use arthro_planning::evaluation::edge::{Edge, Ray};
+use arthro_planning::evaluation::time::Timing;
 use arthro_planning::jaw::Cut;
+use arthro_planning::lesion::Lesion;
+use arthro_planning::tissue::THROAT_LIMIT;
 
 use super::{ALARM, CONTOUR, FAINT, INK, PANEL, Panel, Scene, TEXT_MM};
 use crate::drawing::{Anchor, At, Color, Drawing, Pen, width_mm};
@@ -9,21 +13,9 @@ use crate::plan::site::Site;
 
 const TISSUE: Color = Color::solid([222, 205, 180]);
 const LEFT: Color = Color::solid([70, 150, 120]);
-/// Step along a ray on which the rim is measured, mm.
-const STEP_MM: f64 = 0.1;
 const TICK_DEG: i32 = 30;
 /// The rim ends in points at the horns; words stand further in, mm.
 const LIMIT_INSET_MM: f64 = 3.0;
-
-/// The rim at one angle.
-#[derive(Clone, Copy, Debug)]
-struct Ray {
-    angle_rad: f64,
-    /// Width of the whole tissue, mm.
-    width_mm: f64,
-    /// What is left of it, counted from the rim, mm.
-    left_mm: f64,
-}
 
 /// Where angles and widths lie on the page.
 struct Axes {
@@ -54,7 +46,7 @@ pub fn draw(page: &mut Drawing, panel: &Panel, scene: &Scene<'_>) {
     let (Some(first), Some(last)) = (rays.first(), rays.last()) else {
         return;
     };
-    let widest_mm = rays.iter().map(|ray| ray.width_mm).fold(1.0, f64::max);
+    let widest_mm = rays.iter().map(whole_mm).fold(1.0, f64::max);
     let axes = Axes {
         plot: Panel {
             left: panel.left + 4.0,
@@ -78,66 +70,54 @@ pub fn draw(page: &mut Drawing, panel: &Panel, scene: &Scene<'_>) {
     fill(
         page,
         &axes,
-        rays.iter().map(|ray| (ray.angle_rad, ray.width_mm)),
+        rays.iter().map(|ray| (ray.angle_rad, whole_mm(ray))),
         TISSUE,
     );
     fill(
         page,
         &axes,
-        rays.iter().map(|ray| (ray.angle_rad, ray.left_mm)),
+        rays.iter().map(|ray| (ray.angle_rad, ray.rim_mm)),
         LEFT.sheer(0.75),
     );
     contour(page, &axes, scene);
-    let is_bitten = |ray: &&Ray| ray.left_mm < ray.width_mm - STEP_MM;
     let narrowest = rays
         .iter()
-        .filter(is_bitten)
-        .min_by(|a, b| a.left_mm.total_cmp(&b.left_mm));
+        .filter(|ray| ray.is_bitten)
+        .min_by(|a, b| a.rim_mm.total_cmp(&b.rim_mm));
     if let Some(limit_mm) = scene.picture.rim_min_mm {
         limit(page, &axes, limit_mm, narrowest);
     }
     if let Some(narrowest) = narrowest {
-        minimum(page, &axes, narrowest);
+        let limit_mm = scene.picture.rim_min_mm.unwrap_or(0.0);
+        let is_below = narrowest.rim_mm < limit_mm;
+        minimum(page, &axes, narrowest, if is_below { ALARM } else { INK });
     }
 }
 
+/// The edge that the bites leave, as the evaluation measures it.
 fn rays(scene: &Scene<'_>) -> Vec<Ray> {
     let picture = scene.picture;
-    let crescent = &picture.site.crescent;
-    let cuts: Vec<Cut> = scene
-        .bites
-        .iter()
-        .map(|bite| bite.cut(&picture.jaw))
-        .collect();
-    crescent
-        .rays()
-        .filter_map(|angle_rad| {
-            let (edge_mm, rim_mm) = (crescent.edge_mm(angle_rad)?, crescent.rim_mm(angle_rad)?);
-            Some(Ray {
-                angle_rad,
-                width_mm: rim_mm - edge_mm,
-                left_mm: left_mm(picture.site, &cuts, angle_rad, edge_mm, rim_mm),
-            })
-        })
-        .collect()
+    let Site {
+        crescent, voxels, ..
+    } = picture.site;
+    let task = Task {
+        crescent,
+        voxels,
+        lesion: &Lesion::of_voxels(vec![false; voxels.centers().len()], voxels),
+        band: None,
+        jaw: picture.jaw,
+        portals: &scene.portals,
+        timing: Timing::default(),
+        throat_limit: THROAT_LIMIT,
+    };
+    let cuts = scene.bites.iter().map(|bite| bite.cut(&picture.jaw));
+    let cuts: Vec<Cut> = cuts.collect();
+    Edge::after(&task, &cuts).rays
 }
 
-/// From the rim inwards to the first place that a bite takes.
-fn left_mm(site: &Site, cuts: &[Cut], angle_rad: f64, edge_mm: f64, rim_mm: f64) -> f64 {
-    let steps = ((rim_mm - edge_mm) / STEP_MM).floor().max(0.0) as usize;
-    let mut height_mm = 0.0;
-    for step in 0..=steps {
-        let radius_mm = rim_mm - step as f64 * STEP_MM;
-        let (x, y) = (radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin());
-        if let Some((low, high)) = site.column(x, y) {
-            height_mm = 0.5 * (low + high);
-        }
-        let point = Point3::new(x, y, height_mm);
-        if cuts.iter().any(|cut| cut.contains(&point)) {
-            return step as f64 * STEP_MM;
-        }
-    }
-    rim_mm - edge_mm
+/// Width of the whole tissue on a ray, mm.
+fn whole_mm(ray: &Ray) -> f64 {
+    ray.rim_mm + ray.new_mm - ray.old_mm
 }
 
 fn grid(page: &mut Drawing, axes: &Axes) {
@@ -206,11 +186,11 @@ fn limit(page: &mut Drawing, axes: &Axes, limit_mm: f64, narrowest: Option<&Ray>
     page.text([x, y + 0.5 + TEXT_MM], TEXT_MM, anchor, ALARM, &text);
 }
 
-fn minimum(page: &mut Drawing, axes: &Axes, ray: &Ray) {
-    let at = axes.at(ray.angle_rad, ray.left_mm);
+fn minimum(page: &mut Drawing, axes: &Axes, ray: &Ray, color: Color) {
+    let at = axes.at(ray.angle_rad, ray.rim_mm);
     let words = format!(
         "min {:.1} at {:+.0} deg",
-        ray.left_mm,
+        ray.rim_mm,
         ray.angle_rad.to_degrees()
     );
     let half_mm = 0.5 * width_mm(&words, TEXT_MM) + 0.5;
@@ -224,8 +204,8 @@ fn minimum(page: &mut Drawing, axes: &Axes, ray: &Ray) {
     } else {
         (above, above + 0.3)
     };
-    page.line(vec![at, [at[0], end]], Pen::new(INK, 0.09));
+    page.line(vec![at, [at[0], end]], Pen::new(color, 0.09));
     page.disc(at, 0.55, Color::solid([255; 3]));
-    page.disc(at, 0.42, INK);
-    page.text([middle, baseline], TEXT_MM, Anchor::Middle, INK, &words);
+    page.disc(at, 0.42, color);
+    page.text([middle, baseline], TEXT_MM, Anchor::Middle, color, &words);
 }

@@ -343,13 +343,19 @@ impl Arrow {
         );
         let [x, y] = self.begin;
         let is_steep = self.along[1].abs() > self.along[0].abs();
-        // Beside a steep arrow; under or over a flat one, where it does not lead.
-        let beside_mm = if is_steep { 2.2 } else { 0.0 };
+        // Beside a steep arrow; under or over a flat one, where it does not lead, if there is room.
         let baseline = match (is_steep, self.along[1] < 0.0) {
             (true, true) => y - 0.5,
             (true, false) => y + TEXT_MM,
             (false, true) => y + 1.0 + TEXT_MM,
             (false, false) => y - 1.0,
+        };
+        let has_room = (panel.top + TEXT_MM..=panel.bottom()).contains(&baseline);
+        let beside_mm = if is_steep || !has_room { 2.4 } else { 0.0 };
+        let baseline = if has_room {
+            baseline
+        } else {
+            y + 0.6 * TEXT_MM
         };
         let is_right = x > 0.5 * (panel.left + panel.right());
         let (x, anchor) = if is_right {
