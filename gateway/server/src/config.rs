@@ -24,7 +24,7 @@ pub struct Config {
     pub motion: String,
     /// Address of the instrument service, host:port.
     pub instrument: String,
-    /// How far from the middle of the bites the arthroscope's tip stays, mm.
+    /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
     /// The jaw of the forceps in use.
     pub jaw: Jaw,
@@ -89,7 +89,7 @@ pub struct Cell {
     pub forceps_base_from_tool_at_tray: Rigid<ForcepsBase, Tool>,
     /// The arthroscope's tip at rest, in the arthroscope arm's base.
     pub arthroscope_rest: Point3,
-    /// How far from the middle of the bites the arthroscope's tip stays, mm.
+    /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
 }
 

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Rotation3};
 
 use crate::cases::case::{Plan, Registration};
 use crate::config::Cell;
+use crate::procedure::watching::{Shaft, roomiest};
 
 /// Depth of the tip before it goes in and after it came out, mm.
 pub const OUTSIDE_DEPTH_MM: f64 = -5.0;
@@ -28,7 +29,8 @@ pub struct Poses {
     pub arthroscope: Entry,
     /// The bites in order, in the forceps arm's base.
     pub bites: Vec<BitePose>,
-    /// What the arthroscope aims at, in its arm's base.
+    /// What the arthroscope's shaft aims at, in its arm's base: the roomiest of the plan's views, or, without
+    /// views, the middle of the bites.
     pub view_aim: Point3,
     /// How far the arthroscope goes in, mm.
     pub view_depth_mm: f64,
@@ -91,8 +93,28 @@ impl Poses {
             })
             .collect();
         let middle = middle_of(&bites).ok_or(PoseError::NoBites)?;
-        let view_aim = arthroscope_from_forceps(cell) * middle;
-        let view_distance = (view_aim - cell.arthroscope_portal).norm();
+        let arthroscope_from_forceps = arthroscope_from_forceps(cell);
+        let portal = cell.arthroscope_portal;
+        let tips: Vec<Point3> = plan
+            .views
+            .iter()
+            .map(|view| arthroscope_from_forceps * (base_from_ct * view.tip))
+            .collect();
+        let forceps: Vec<Shaft> = bites
+            .iter()
+            .map(|bite| Shaft {
+                portal: arthroscope_from_forceps * cell.forceps_portal,
+                tip: arthroscope_from_forceps * bite.center,
+            })
+            .collect();
+        let (view_aim, view_depth_mm) = match roomiest(&tips, portal, &forceps) {
+            Some(tip) => (tip, (tip - portal).norm()),
+            None => {
+                let aim = arthroscope_from_forceps * middle;
+                let depth_mm = (aim - portal).norm() - cell.view_distance_mm;
+                (aim, depth_mm.max(VIEW_DEPTH_MIN_MM))
+            }
+        };
         Ok(Self {
             forceps: Entry::towards(middle, cell.forceps_portal)
                 .ok_or(PoseError::AtPortal("forceps"))?,
@@ -100,7 +122,7 @@ impl Poses {
                 .ok_or(PoseError::AtPortal("arthroscope"))?,
             bites,
             view_aim,
-            view_depth_mm: (view_distance - cell.view_distance_mm).max(VIEW_DEPTH_MIN_MM),
+            view_depth_mm,
         })
     }
 
@@ -176,7 +198,7 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     use super::*;
-    use crate::cases::case::{Bite, Verdict};
+    use crate::cases::case::{Bite, Verdict, View};
     use crate::config::Jaw;
     use arthro_geometry::frame::Camera;
     use bytes::Bytes;
@@ -272,6 +294,22 @@ mod tests {
         let middle = nalgebra::center(&poses.bites[0].center, &poses.bites[1].center);
         let back = cell().forceps_base_from_arthroscope_base * poses.view_aim;
         assert!((back - middle).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_arthroscope_stands_where_a_view_of_the_plan_has_it() {
+        let mut plan = plan(&[[53.0, 48.0, 61.0], [54.0, 53.0, 36.0]]);
+        let view = |x| View {
+            tip: Point3::new(x, 52.0, 60.0),
+            approach: Vector3::x(),
+            roll_rad: 0.0,
+        };
+        plan.views = vec![view(60.0), view(60.0)];
+        let poses = Poses::of(&plan, &registration(), &cell()).unwrap();
+        // camera: 1.01 * (60, 52, 60) + (-50, -40, 240) = (10.6, 12.52, 300.6); base: x + 750, -y, 550 - z.
+        let expected = Point3::new(760.6, -12.52, 249.4);
+        let tip = cell().forceps_base_from_arthroscope_base * poses.view_tip();
+        assert!((tip - expected).norm() < 1e-9, "{tip}");
     }
 
     #[test]
