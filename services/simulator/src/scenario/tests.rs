@@ -263,3 +263,21 @@ fn a_mounting_out_of_range_is_refused_by_name() {
         "scenario.mounting.tool_deg is 21, must be 0 .. 20 degrees"
     );
 }
+
+#[test]
+fn a_deep_tear_still_leaves_the_rim_that_a_resection_needs() {
+    let tear = |depth_fraction| {
+        let mut spec = Spec::default();
+        spec.tear.depth_fraction = depth_fraction;
+        Scenario::phantom(spec).unwrap().truth
+    };
+    let (deep, rim_min_mm) = (tear(0.9), Spec::default().tear.rim_min_mm);
+    let widest_mm = deep
+        .crescent
+        .sectors()
+        .filter(|sector| sector.phi_rad.abs() < 0.07)
+        .map(|sector| sector.rim_mm)
+        .fold(0.0, f64::max);
+    assert!(deep.tear.end_mm <= widest_mm - rim_min_mm);
+    assert!(tear(0.2).tear.end_mm < tear(0.3).tear.end_mm);
+}
