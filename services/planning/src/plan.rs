@@ -31,7 +31,7 @@ pub use scoring::{EvaluationRequest, Given, evaluate};
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
 /// Distance between the points of a contour handed out, mm.
-const CONTOUR_SPACING_MM: f64 = 0.5;
+const CONTOUR_SPACING_MM: f64 = 0.2;
 /// What is aimed at outside the region if nothing is said: so much, and this share of the region, mm3.
 const USUAL_OUTSIDE: (f64, f64) = (2.0, 0.04);
 /// What may go outside the region where that is too little, mm3.

@@ -34,7 +34,7 @@ const COORDINATE_MM: std::ops::RangeInclusive<f64> = -10_000.0..=10_000.0;
 /// Radius of the cell's forceps, mm.
 const FORCEPS_RADIUS_MM: f64 = 1.75;
 /// Distance between the points of a contour, mm.
-const CONTOUR_SPACING_MM: f64 = 0.5;
+const CONTOUR_SPACING_MM: f64 = 0.2;
 
 /// What is to be planned; all points in ct, mm.
 #[derive(Clone, Debug)]
