@@ -228,7 +228,7 @@ pub fn plan(
         throat_limit: request.limits.throat_limit,
     };
     let region_mm3 = region_mm3(&task)?;
-    let approach = Approach::of(request, &task)?;
+    let approach = Approach::of(request, &task, patience)?;
     let work = Work {
         request,
         approach: &approach,

@@ -75,6 +75,19 @@ impl Reach {
     /// # Errors
     /// When a bone, size or limit is not usable; names field, value and limit.
     pub fn of(joint: &Joint, shaft: Shaft, limits: Limits) -> Result<Self, Error> {
+        Self::while_awaited(joint, shaft, limits, &|| true)
+    }
+
+    /// The same as long as it `is_awaited`.
+    ///
+    /// # Errors
+    /// As [`Reach::of`], and [`Error::Cancelled`].
+    pub fn while_awaited(
+        joint: &Joint,
+        shaft: Shaft,
+        limits: Limits,
+        is_awaited: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, Error> {
         in_range("options.joint.opening_mm", joint.opening_mm, -20.0..=50.0)?;
         in_range(
             "options.joint.shaft_diameter_mm",
@@ -89,7 +102,8 @@ impl Reach {
         in_range("shaft.ahead_mm", shaft.ahead_mm, 0.0..=20.0)?;
         in_range("shaft.slim_mm", shaft.slim_mm, 0.0..=40.0)?;
         let bone = |name, obstacle: &Option<Obstacle>| {
-            let bone = obstacle.as_ref().map(|obstacle| Bone::of(name, obstacle));
+            let bone = obstacle.as_ref();
+            let bone = bone.map(|obstacle| Bone::while_awaited(name, obstacle, is_awaited));
             bone.transpose()
         };
         Ok(Self {

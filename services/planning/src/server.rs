@@ -130,7 +130,7 @@ impl PlanningService for Planning {
         let heard = Arc::downgrade(&waiting);
         let answer = tokio::task::spawn_blocking(move || {
             let _turn = turn;
-            reach::check(&wanted, || heard.strong_count() > 0)
+            reach::check(&wanted, &|| heard.strong_count() > 0)
         });
         let answer = answer.await;
         drop(waiting);

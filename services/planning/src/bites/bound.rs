@@ -37,8 +37,8 @@ impl Bound {
     }
 }
 
-/// The best bound that the rounds find.
-pub(super) fn of(problem: &Problem) -> Bound {
+/// The best bound that the rounds find; `go_on` is asked before each.
+pub(super) fn of(problem: &Problem, go_on: &dyn Fn() -> bool) -> Bound {
     let needed = problem.region_needed.min(problem.region);
     let largest = problem.candidates.iter().map(|c| c.inside).max();
     let start = 1.0 / largest.unwrap_or(1).max(1) as f64;
@@ -50,6 +50,9 @@ pub(super) fn of(problem: &Problem) -> Bound {
     let target = GUESS * Round::of(&prices, needed, problem).value + 1.0;
     let (mut relaxation, mut since) = (1.0, 0);
     for _ in 0..ROUNDS {
+        if !go_on() {
+            break;
+        }
         let round = Round::of(&prices, needed, problem);
         if round.value > best.bites + 1e-4 {
             best = Bound {

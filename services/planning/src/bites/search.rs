@@ -35,7 +35,7 @@ pub(super) struct Search<'a> {
 
 impl<'a> Search<'a> {
     pub(super) fn of(problem: &'a Problem, attempts: Attempts<'a>) -> Self {
-        let bound = bound::of(problem);
+        let bound = bound::of(problem, &|| attempts.go_on());
         Self {
             best: greedy::choose(problem, &bound.prices),
             closest: None,

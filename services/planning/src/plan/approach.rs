@@ -1,6 +1,7 @@
 //! The way of the forceps to the bites of a plan, as far as the joint is known.
 
 use super::Request;
+use crate::bites::Patience;
 use crate::error::Error;
 use crate::evaluation::Task;
 use crate::jaw::Bite;
@@ -17,10 +18,15 @@ pub(super) struct Approach<'a> {
 }
 
 impl<'a> Approach<'a> {
-    pub(super) fn of(request: &Request, task: &'a Task<'a>) -> Result<Self, Error> {
+    pub(super) fn of(
+        request: &Request,
+        task: &'a Task<'a>,
+        patience: &(dyn Fn() -> Patience + Sync),
+    ) -> Result<Self, Error> {
+        let is_awaited = || patience() != Patience::Stop;
         let reach = request.knee.as_ref().map(|knee| {
             let meniscus = task.crescent.localize(&request.model);
-            knee.reach(task.crescent, &meniscus, &task.portals[0])
+            knee.reach(task.crescent, &meniscus, &task.portals[0], &is_awaited)
         });
         Ok(Self {
             task,

@@ -43,7 +43,7 @@ pub fn model(
         return Err(Error::invalid(
             "model",
             format!(
-                "has triangles that face both ways: they enclose {signed_mm3:.0} mm3 by their \
+                "has triangles that face both ways or pass through each other: they enclose {signed_mm3:.0} mm3 by their \
                  direction and {solid_mm3:.0} mm3 by their place"
             ),
         ));

@@ -41,8 +41,20 @@ impl Bone {
     /// When a mesh has no triangle, a vertex that is not finite or names none, is smaller than 10 mm or
     /// too large for its field; when a ball or plane is not finite.
     pub fn of(name: &'static str, obstacle: &Obstacle) -> Result<Self, Error> {
+        Self::while_awaited(name, obstacle, &|| true)
+    }
+
+    /// The same as long as it `is_awaited`.
+    ///
+    /// # Errors
+    /// As [`Bone::of`], and [`Error::Cancelled`].
+    pub fn while_awaited(
+        name: &'static str,
+        obstacle: &Obstacle,
+        is_awaited: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, Error> {
         let shape = match obstacle {
-            Obstacle::Mesh(mesh) => Shape::Mesh(Box::new(Surface::of(name, mesh)?)),
+            Obstacle::Mesh(mesh) => Shape::Mesh(Box::new(Surface::of(name, mesh, is_awaited)?)),
             Obstacle::Ball { center, radius_mm } => {
                 in_range(name, *radius_mm, BALL_RADIUS_MM)?;
                 for value in center.iter() {

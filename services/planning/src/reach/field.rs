@@ -6,6 +6,8 @@
 //! |p - corner| over the weights of the corners is at most the root of its mean square, which is
 //! greatest in the middle of a cell. On surfaces as smooth as a bone it is wrong by far less.
 
+use rayon::prelude::*;
+
 use arthro_geometry::volume::{self, Grid, Solid};
 use arthro_geometry::{Mesh, Point3, Vector3};
 use parry3d_f64::query::PointQuery;
@@ -37,8 +39,14 @@ impl DistanceField {
     /// Samples the distance to `surface`, which is `mesh`, around it. `bone` names it in errors.
     ///
     /// # Errors
-    /// When the mesh cannot be used or more than [`MAX_SAMPLES`] would be needed.
-    pub fn of(bone: &'static str, mesh: &Mesh, surface: &TriMesh) -> Result<Self, Error> {
+    /// When the mesh cannot be used or more than [`MAX_SAMPLES`] would be needed; [`Error::Cancelled`] once
+    /// it is no longer `is_awaited`.
+    pub fn of(
+        bone: &'static str,
+        mesh: &Mesh,
+        surface: &TriMesh,
+        is_awaited: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, Error> {
         let unusable = |error: volume::Error| Error::invalid(bone, error.to_string());
         let (low, high) = mesh.bounds().ok_or(unusable(volume::Error::Empty))?;
         let margin = Vector3::repeat(MARGIN_MM);
@@ -63,21 +71,31 @@ impl DistanceField {
             Err(volume::Error::Open { .. }) => None,
             Err(error) => return Err(unusable(error)),
         };
-        let mut samples_mm = Vec::with_capacity(grid.len());
-        let mut before_mm = MARGIN_MM;
-        for index in 0..grid.len() {
-            let cell = grid.cell(index);
-            let at = to_glam(&grid.center(cell));
-            // The sample before this one bounds it, except where a row begins.
-            let bound_mm = match cell[0] {
-                0 => MARGIN_MM,
-                _ => MARGIN_MM.min(before_mm + 1.01 * SPACING_MM),
-            };
-            let nearest = surface.project_local_point_with_max_dist(at, false, bound_mm);
-            before_mm = nearest.map_or(MARGIN_MM, |nearest| (nearest.point - at).length());
-            let is_inside = inside.as_ref().is_some_and(|solid| solid.is_inside(cell));
-            samples_mm.push(if is_inside { -before_mm } else { before_mm } as f32);
-        }
+        let (grid_of, inside) = (&grid, inside.as_ref());
+        let [width, depth, height] = grid.size;
+        let row = |j: usize, k: usize| {
+            // The sample before one bounds it, except where the row begins.
+            let mut before_mm = MARGIN_MM;
+            let samples = (0..width).map(move |i| {
+                let cell = [i, j, k];
+                let at = to_glam(&grid_of.center(cell));
+                let bound_mm = MARGIN_MM.min(before_mm + 1.01 * SPACING_MM);
+                let nearest = surface.project_local_point_with_max_dist(at, false, bound_mm);
+                before_mm = nearest.map_or(MARGIN_MM, |nearest| (nearest.point - at).length());
+                let is_inside = inside.is_some_and(|solid| solid.is_inside(cell));
+                (if is_inside { -before_mm } else { before_mm }) as f32
+            });
+            samples.collect::<Vec<f32>>()
+        };
+        let plane = |k: usize| {
+            let rows = is_awaited().then(|| (0..depth).flat_map(|j| row(j, k)).collect());
+            rows.ok_or(Error::Cancelled)
+        };
+        let planes: Vec<Vec<f32>> = (0..height)
+            .into_par_iter()
+            .map(plane)
+            .collect::<Result<_, _>>()?;
+        let samples_mm = planes.concat();
         Ok(Self {
             grid,
             samples_mm,

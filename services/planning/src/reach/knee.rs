@@ -35,16 +35,17 @@ pub enum Popliteal {
 }
 
 impl Knee {
-    /// Reach in the axes of `crescent`. `meniscus` and `portal`, which lies on the anterior side, are
+    /// Reach in the axes of `crescent`, prepared as long as it `is_awaited`. `meniscus` and `portal`, which lies on the anterior side, are
     /// in these axes.
     ///
     /// # Errors
-    /// When a bone, size or limit is not usable; names field, value and limit.
+    /// When a bone, size or limit is not usable; names field, value and limit; [`Error::Cancelled`].
     pub fn reach(
         &self,
         crescent: &Crescent,
         meniscus: &Mesh,
         portal: &Point3,
+        is_awaited: &(dyn Fn() -> bool + Sync),
     ) -> Result<Reach, Error> {
         let generic = Generic::default();
         let scanned = |mesh: &Mesh| Obstacle::Mesh(crescent.localize(mesh));
@@ -63,6 +64,6 @@ impl Knee {
         if self.popliteal == Popliteal::KeptOut {
             limits.keep_outs = vec![KeepOut::popliteal(crescent, portal)];
         }
-        Reach::of(&joint, self.shaft, limits)
+        Reach::while_awaited(&joint, self.shaft, limits, is_awaited)
     }
 }

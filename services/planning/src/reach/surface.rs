@@ -33,8 +33,12 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Prepares a mesh. `name` names it in errors.
-    pub(super) fn of(name: &'static str, mesh: &Mesh) -> Result<Self, Error> {
+    /// Prepares a mesh as long as it `is_awaited`. `name` names it in errors.
+    pub(super) fn of(
+        name: &'static str,
+        mesh: &Mesh,
+        is_awaited: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, Error> {
         let unusable = |error: volume::Error| Error::invalid(name, error.to_string());
         volume::check(mesh).map_err(unusable)?;
         let (low, high) = mesh.bounds().ok_or(unusable(volume::Error::Empty))?;
@@ -48,7 +52,7 @@ impl Surface {
             ));
         }
         let triangles = trimesh(mesh).map_err(|error| Error::invalid(name, error.to_string()))?;
-        let field = DistanceField::of(name, mesh, &triangles)?;
+        let field = DistanceField::of(name, mesh, &triangles, is_awaited)?;
         Ok(Self { field, triangles })
     }
 

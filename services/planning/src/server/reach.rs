@@ -59,7 +59,7 @@ pub(super) async fn intake(
 /// Answers as long as `is_awaited`.
 pub(super) fn check(
     wanted: &Wanted,
-    is_awaited: impl Fn() -> bool,
+    is_awaited: &(dyn Fn() -> bool + Sync),
 ) -> Result<proto::CheckReachabilityResponse, Status> {
     let crescent = Crescent::of(&wanted.model, &wanted.portals[0])?;
     let model = crescent.localize(&wanted.model);
@@ -71,7 +71,9 @@ pub(super) fn check(
             .collect()
     };
     let (portals, bites) = (localized(&wanted.portals), localized(&wanted.bites));
-    let reach = wanted.knee.reach(&crescent, &model, &portals[0])?;
+    let reach = wanted
+        .knee
+        .reach(&crescent, &model, &portals[0], is_awaited)?;
     let tissue = Solid::of(&model, TISSUE_VOXEL_MM).map_err(Error::from)?;
     let is_tissue = |point: &Point3| tissue.contains(point);
     let mut answers = Vec::with_capacity(bites.len() * portals.len());
