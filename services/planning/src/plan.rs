@@ -2,126 +2,37 @@
 
 mod approach;
 mod model;
+mod request;
 mod scoring;
+mod work;
 
 use std::ops::ControlFlow;
 
-use arthro_geometry::{Mesh, Point3};
+use arthro_geometry::Point3;
 
-use crate::bites::{self, Access, Ended, Found, Partial, Patience};
-use crate::contour::Spline;
+use crate::bites::{Ended, Patience};
 use crate::crescent::Crescent;
 use crate::error::Error;
 use crate::evaluation::time::Timing;
 use crate::evaluation::{Evaluation, Task};
-use crate::jaw::{Bite, Jaw};
+use crate::jaw::Bite;
 use crate::lesion::Lesion;
-use crate::paper::{self, Search};
-use crate::reach::{Clearance, Knee};
-use crate::target::{self, Target};
-use crate::tissue::THROAT_LIMIT;
-use crate::view::{self, Optics, View};
+use crate::reach::Clearance;
+use crate::target::Target;
+use crate::view::{self, View};
 use crate::voxels::Voxels;
 
 use approach::Approach;
+use work::{Bitten, Work};
 
 pub use model::model;
+pub use request::{Arthroscope, Limits, Planner, Request};
 pub use scoring::{EvaluationRequest, Given, evaluate};
 
 /// Least volume worth a plan, mm3.
 const MIN_REGION_MM3: f64 = 1.5;
 /// Distance between the points of a contour handed out, mm.
 const CONTOUR_SPACING_MM: f64 = 0.2;
-/// What is aimed at outside the region if nothing is said: so much, and this share of the region, mm3.
-const USUAL_OUTSIDE: (f64, f64) = (2.0, 0.04);
-/// What may go outside the region where that is too little, mm3.
-const MOST_OUTSIDE_MM3: f64 = 15.0;
-
-/// What is to be planned; all points in ct, mm.
-#[derive(Clone, Debug)]
-pub struct Request {
-    /// The meniscus, a closed surface.
-    pub model: Mesh,
-    /// The damaged tissue on a grid; may be empty.
-    pub lesion: Vec<Point3>,
-    /// Distance between the lesion's points, mm.
-    pub lesion_spacing_mm: f64,
-    /// What the contour comes from.
-    pub aim: target::Aim,
-    /// What the contour has to keep.
-    pub contour_rules: target::Rules,
-    /// Lowest and highest corner of the box that holds all targets; `None`: anywhere.
-    pub target_box: Option<(Point3, Point3)>,
-    /// Where the forceps may enter; the first is the one they start with.
-    pub portals: Vec<Point3>,
-    /// The jaw of the forceps.
-    pub jaw: Jaw,
-    /// Edge of the planning voxels, mm.
-    pub voxel_mm: f64,
-    /// How the bites are chosen.
-    pub planner: Planner,
-    /// What the bites have to keep.
-    pub limits: Limits,
-    /// Multiplies the search for fewer bites.
-    pub effort: u32,
-    /// The joint around the meniscus, which the forceps' shaft keeps clear of; `None`: nothing is known.
-    pub knee: Option<Knee>,
-    /// From where each bite is to be watched; `None`: no views are planned.
-    pub arthroscope: Option<Arthroscope>,
-    /// Same seed, same plan.
-    pub seed: u64,
-}
-
-/// The arthroscope that watches; `portal` in ct.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Arthroscope {
-    /// Where it enters, mm.
-    pub portal: Point3,
-    /// Its optics.
-    pub optics: Optics,
-    /// Radius of the forceps' shaft, mm.
-    pub forceps_radius_mm: f64,
-}
-
-/// How the bites are chosen.
-#[derive(Clone, Copy, Debug, Default)]
-pub enum Planner {
-    /// As few as clear the region, in an order in which each can be made.
-    #[default]
-    Bites,
-    /// The paper's: one on every point of a path through the tissue.
-    Paper(Search),
-}
-
-/// What the bites have to keep.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// Share of the region that has to go, percent.
-    pub region_percent: f64,
-    /// How much may go outside it, mm3; `None`: 2 mm3 and 4 % of the region, and up to 15 mm3 where
-    /// no bites keep that.
-    pub outside_limit_mm3: Option<f64>,
-    /// How far in the plane an executed bite may lie from the planned one and still the lesion must
-    /// be covered, mm.
-    pub placement_error_mm: f64,
-    /// Share of a jaw's throat that tissue may block when the bite is made, 0..1.
-    pub throat_limit: f64,
-    /// What to do where the region cannot be cleared.
-    pub partial: Partial,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            region_percent: 95.0,
-            outside_limit_mm3: None,
-            placement_error_mm: 0.3,
-            throat_limit: THROAT_LIMIT,
-            partial: Partial::Refuse,
-        }
-    }
-}
-
 /// The bites and what they are made from; all points in ct, mm.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -282,124 +193,6 @@ pub fn plan(
         views,
         choice,
     })
-}
-
-/// What a planner hands back, in the axes of the crescent.
-struct Bitten {
-    bites: Vec<(usize, Bite)>,
-    path: Vec<Point3>,
-    choice: Option<Choice>,
-}
-
-/// What both planners work on.
-struct Work<'a> {
-    request: &'a Request,
-    task: &'a Task<'a>,
-    approach: &'a Approach<'a>,
-    contour: &'a Spline,
-    placement_error_mm: Option<f64>,
-    region_mm3: f64,
-}
-
-impl Work<'_> {
-    fn in_box(&self, point: &Point3) -> bool {
-        let Some((low, high)) = self.request.target_box else {
-            return true;
-        };
-        let point = self.task.crescent.ct_from_meniscal * *point;
-        point.inf(&low) == low && point.sup(&high) == high
-    }
-
-    fn fewest(
-        &self,
-        patience: &(dyn Fn() -> Patience + Sync),
-        watch: &mut dyn FnMut(Progress),
-    ) -> Result<Bitten, Error> {
-        let limits = &self.request.limits;
-        let access = Access {
-            portals: self.task.portals,
-            allowed: &|portal, bite| {
-                self.in_box(&bite.center) && self.approach.is_clear(portal, bite)
-            },
-            rim_min_mm: self.request.contour_rules.rim_min_mm,
-            placement_error_mm: self.placement_error_mm,
-        };
-        let (base_mm3, share) = USUAL_OUTSIDE;
-        let usual_mm3 = (base_mm3 + share * self.region_mm3).min(MOST_OUTSIDE_MM3);
-        let usual_limits_mm3 = [usual_mm3, MOST_OUTSIDE_MM3];
-        let outside_limits_mm3 = limits.outside_limit_mm3.map(|limit_mm3| [limit_mm3; 2]);
-        let rules = bites::Rules {
-            region_share: limits.region_percent / 100.0,
-            outside_limits_mm3: outside_limits_mm3.unwrap_or(usual_limits_mm3),
-            throat_limit: self.task.throat_limit,
-            partial: limits.partial,
-        };
-        let mut hear = |found: Found| {
-            watch(Progress {
-                stage: "bites",
-                fraction: 0.2 + 0.75 * found.fraction,
-                iterations: 0,
-                incumbent: found.incumbent,
-                bound: found.bound,
-            });
-        };
-        let effort = bites::Effort {
-            seed: self.request.seed,
-            factor: self.request.effort,
-        };
-        let chosen = bites::choose(self.task, &access, &rules, &effort, patience, &mut hear);
-        let chosen = chosen.map_err(|refusal| self.approach.explained(refusal))?;
-        if chosen.bites.is_empty() {
-            let region_mm3 = self.region_mm3;
-            return Err(Error::NoBite { region_mm3 });
-        }
-        Ok(Bitten {
-            bites: chosen.bites,
-            path: Vec::new(),
-            choice: Some(Choice {
-                bound: chosen.bound,
-                complete: chosen.complete,
-                ended: chosen.ended,
-            }),
-        })
-    }
-
-    fn paper(
-        &self,
-        search: &Search,
-        patience: &(dyn Fn() -> Patience + Sync),
-        watch: &mut dyn FnMut(Progress),
-    ) -> Result<Bitten, Error> {
-        let allowed = |point: &Point3| self.in_box(point);
-        let path = paper::search(
-            self.contour,
-            self.task.voxels,
-            search,
-            allowed,
-            |iterations| {
-                let share = f64::from(iterations) / f64::from(search.max_iterations);
-                watch(Progress {
-                    stage: "rrt",
-                    fraction: 0.2 + 0.75 * share,
-                    iterations,
-                    incumbent: None,
-                    bound: None,
-                });
-                match patience() {
-                    Patience::GoOn => ControlFlow::Continue(()),
-                    // Half a path is no path.
-                    Patience::Hurry | Patience::Stop => ControlFlow::Break(()),
-                }
-            },
-        )?;
-        let superior = arthro_geometry::Vector3::z();
-        let bites = paper::bites(&path.points, &self.task.portals[0], &superior)?;
-        Ok(Bitten {
-            bites: bites.into_iter().map(|bite| (0, bite)).collect(),
-            path: path.points,
-            choice: None,
-        })
-    }
 }
 
 /// The arthroscope's views in ct, if any were asked for.
