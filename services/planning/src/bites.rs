@@ -36,7 +36,7 @@ use poses::Ground;
 use problem::Problem;
 use reachable::Reachable;
 use refine::Refinement;
-use search::Search;
+use search::{FEW_MORE_BITES, MORE_BITES, Search};
 
 /// What a set of bites has to keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -233,7 +233,7 @@ fn begin(
                 continue;
             }
             let mut search = Search::of(&alone, attempts);
-            if !search.start()? {
+            if !search.start(FEW_MORE_BITES)? {
                 continue;
             }
             while search.improve()? {}
@@ -248,5 +248,5 @@ fn begin(
             search.adopt(&best);
         }
     }
-    search.start()
+    search.start(MORE_BITES)
 }

@@ -8,6 +8,8 @@ use crate::jaw::Bite;
 
 /// A whole throat; in integers sums do not depend on their order.
 pub(super) const WHOLE_THROAT: u32 = 1 << 16;
+/// What the parts of a throat may lose by rounding, as a share of it.
+const ROUNDING: f64 = 2e-3;
 /// Share of the lesion that has to be covered when the bites lie off.
 const DISPLACED_SHARE: f64 = 0.98;
 
@@ -61,7 +63,8 @@ impl Problem {
         let numbers = Numbers::of(&poses, region);
         let lesion = ground.lesion().len();
         let displaced = (DISPLACED_SHARE * lesion as f64).ceil() as usize;
-        let throat_limit = (rules.throat_limit * f64::from(WHOLE_THROAT)) as u32;
+        let throat_limit = (rules.throat_limit - ROUNDING).max(0.0);
+        let throat_limit = (throat_limit * f64::from(WHOLE_THROAT)) as u32;
         let whole = region.iter().filter(|inside| **inside).count();
         let candidates = poses
             .into_iter()

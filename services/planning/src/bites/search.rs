@@ -11,7 +11,9 @@ use super::{Ended, bound, greedy};
 use crate::error::Error;
 
 /// How many bites more than the greedy choice are tried where that misses something.
-const MORE_BITES: u64 = 6;
+pub(super) const MORE_BITES: u64 = 3;
+/// Likewise where another choice will do as well.
+pub(super) const FEW_MORE_BITES: u64 = 1;
 /// So far from what failed, the next number tried is one less instead of half way.
 const CLOSE: usize = 9;
 
@@ -57,9 +59,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Completes what it begins with; whether that succeeds.
-    pub(super) fn start(&mut self) -> Result<bool, Error> {
-        for more in 0..=MORE_BITES {
+    /// Completes what it begins with, with so many bites more if need be; whether that succeeds.
+    pub(super) fn start(&mut self, more_bites: u64) -> Result<bool, Error> {
+        for more in 0..=more_bites {
             if self.best.is_complete() {
                 return Ok(true);
             }
