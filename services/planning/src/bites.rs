@@ -13,6 +13,7 @@
 
 mod anneal;
 mod attempts;
+mod bits;
 mod bound;
 mod exhaustion;
 mod greedy;

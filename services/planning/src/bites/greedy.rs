@@ -19,7 +19,7 @@ pub(super) fn choose<'a>(problem: &'a Problem, prices: &[f64]) -> Selection<'a> 
         let Some(candidate) = best(problem, prices, &selection, &gone) else {
             break;
         };
-        gone.add(&problem.candidates[candidate].cut);
+        gone.add(&problem.candidates[candidate].cut_bits);
         selection.add(candidate);
     }
     selection

@@ -4,6 +4,7 @@
 //! be made until nothing more can therefore finds an order if there is one, and otherwise names the
 //! bites that no order frees.
 
+use super::bits::Bits;
 use super::problem::Problem;
 
 /// The voxels that are gone, as bits.
@@ -27,18 +28,22 @@ impl Gone {
         self.words[voxel as usize / 64] >> (voxel % 64) & 1 != 0
     }
 
-    pub(super) fn add(&mut self, voxels: &[u32]) {
-        for voxel in voxels {
-            self.words[*voxel as usize / 64] |= 1 << (voxel % 64);
+    pub(super) fn add(&mut self, voxels: &Bits) {
+        for &(word, bits) in voxels.words() {
+            self.words[word as usize] |= bits;
         }
     }
 
     /// How much of a candidate's throat is blocked.
     pub(super) fn blocked(&self, problem: &Problem, candidate: usize) -> u32 {
         let candidate = &problem.candidates[candidate];
-        let left = candidate.throat.iter();
-        let left = left.filter(|(voxel, _)| !self.holds(*voxel));
-        candidate.blocked + left.map(|(_, part)| part).sum::<u32>()
+        if candidate.blocked_at_first <= problem.throat_limit {
+            // Free before the first bite, free for ever.
+            return candidate.blocked_at_first;
+        }
+        let words = candidate.throat.words().iter();
+        let left = words.map(|part| part.without(self.words[part.word as usize]));
+        candidate.blocked + left.sum::<u32>()
     }
 }
 
@@ -55,9 +60,19 @@ pub(super) struct Order {
 
 /// Orders a set of candidates.
 pub(super) fn of(chosen: &[usize], problem: &Problem, gone: &mut Gone) -> Order {
+    of_slots((0..chosen.len()).collect(), chosen, problem, gone).map(|slot| chosen[slot])
+}
+
+/// Orders the slots of a set; soonest if they come about in the right order already.
+pub(super) fn of_slots(
+    slots: Vec<usize>,
+    chosen: &[usize],
+    problem: &Problem,
+    gone: &mut Gone,
+) -> Order {
     gone.clear();
     let mut order = Order {
-        stuck: chosen.to_vec(),
+        stuck: slots,
         ..Order::default()
     };
     loop {
@@ -65,11 +80,12 @@ pub(super) fn of(chosen: &[usize], problem: &Problem, gone: &mut Gone) -> Order 
         order.excess = 0;
         let made = &mut order.made;
         let excess = &mut order.excess;
-        order.stuck.retain(|&candidate| {
+        order.stuck.retain(|&slot| {
+            let candidate = chosen[slot];
             let blocked = gone.blocked(problem, candidate);
             if blocked <= problem.throat_limit {
-                gone.add(&problem.candidates[candidate].cut);
-                made.push(candidate);
+                gone.add(&problem.candidates[candidate].cut_bits);
+                made.push(slot);
                 return false;
             }
             *excess += blocked - problem.throat_limit;
@@ -78,5 +94,14 @@ pub(super) fn of(chosen: &[usize], problem: &Problem, gone: &mut Gone) -> Order 
         if order.stuck.is_empty() || made.len() == before {
             return order;
         }
+    }
+}
+
+impl Order {
+    fn map(mut self, to: impl Fn(usize) -> usize) -> Self {
+        for item in self.made.iter_mut().chain(&mut self.stuck) {
+            *item = to(*item);
+        }
+        self
     }
 }

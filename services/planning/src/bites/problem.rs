@@ -2,6 +2,7 @@
 //! there are to choose from.
 
 use super::Rules;
+use super::bits::{Bits, Weights};
 use super::poses::{DISPLACEMENTS, Ground, Place, Pose};
 use crate::evaluation::Task;
 use crate::jaw::Bite;
@@ -49,10 +50,15 @@ pub(super) struct Candidate {
     pub(super) inside: usize,
     /// Places of the lesion that it covers.
     pub(super) places: Vec<u32>,
+    /// The same two as bits.
+    pub(super) cut_bits: Bits,
+    pub(super) place_bits: Bits,
     /// Voxels that block its throat and by how much.
-    pub(super) throat: Vec<(u32, u32)>,
+    pub(super) throat: Weights,
     /// How much of its throat no candidate frees.
     pub(super) blocked: u32,
+    /// How much of it is blocked before the first bite.
+    pub(super) blocked_at_first: u32,
 }
 
 impl Problem {
@@ -147,6 +153,7 @@ fn candidate(pose: Pose, numbers: &Numbers, lesion: u32) -> Candidate {
             None => blocked += part,
         }
     }
+    let throat = Weights::of(&throat);
     let mut places = Vec::new();
     for (point, ways) in pose.lesion {
         let covered = (0..DISPLACEMENTS as u32).filter(|way| ways & (1 << way) != 0);
@@ -156,9 +163,12 @@ fn candidate(pose: Pose, numbers: &Numbers, lesion: u32) -> Candidate {
         bite: pose.bite,
         portal: pose.portal,
         cell: pose.cell,
+        cut_bits: Bits::of(&cut),
+        place_bits: Bits::of(&places),
         cut,
         inside,
         places,
+        blocked_at_first: blocked + throat.whole(),
         throat,
         blocked,
     }

@@ -30,6 +30,8 @@ pub(super) struct Selection<'a> {
     /// How many points of the lesion are covered under each displacement.
     lesion: [usize; DISPLACEMENTS],
     gone: Gone,
+    /// The slots in about the order in which their bites can be made.
+    sequence: Vec<usize>,
 }
 
 impl<'a> Selection<'a> {
@@ -43,6 +45,7 @@ impl<'a> Selection<'a> {
             outside: 0,
             lesion: [0; DISPLACEMENTS],
             gone: Gone::nothing(problem),
+            sequence: Vec::new(),
         }
     }
 
@@ -89,11 +92,13 @@ impl<'a> Selection<'a> {
 
     pub(super) fn add(&mut self, candidate: usize) {
         self.count(candidate);
+        self.sequence.push(self.chosen.len());
         self.chosen.push(candidate);
     }
 
     pub(super) fn remove(&mut self, slot: usize) -> usize {
         let candidate = self.chosen.remove(slot);
+        self.sequence = (0..self.chosen.len()).collect();
         self.uncount(candidate);
         candidate
     }
@@ -101,8 +106,18 @@ impl<'a> Selection<'a> {
     /// Puts another candidate into a slot; returns the one that was there.
     pub(super) fn exchange(&mut self, slot: usize, candidate: usize) -> usize {
         let before = std::mem::replace(&mut self.chosen[slot], candidate);
-        self.uncount(before);
-        self.count(candidate);
+        let (old, new) = (
+            &self.problem.candidates[before],
+            &self.problem.candidates[candidate],
+        );
+        old.cut_bits
+            .visit_without(&new.cut_bits, |voxel| self.uncount_voxel(voxel));
+        new.cut_bits
+            .visit_without(&old.cut_bits, |voxel| self.count_voxel(voxel));
+        old.place_bits
+            .visit_without(&new.place_bits, |place| self.uncount_place(place));
+        new.place_bits
+            .visit_without(&old.place_bits, |place| self.count_place(place));
         before
     }
 
@@ -130,47 +145,66 @@ impl<'a> Selection<'a> {
 
     fn count(&mut self, candidate: usize) {
         let candidate = &self.problem.candidates[candidate];
-        let inside = candidate.inside;
-        for (place, voxel) in candidate.cut.iter().enumerate() {
-            let bitten = &mut self.bitten[*voxel as usize];
-            if *bitten == 0 {
-                *(if place < inside {
-                    &mut self.region
-                } else {
-                    &mut self.outside
-                }) += 1;
-            }
-            *bitten += 1;
-        }
-        for place in &candidate.places {
-            let covered = &mut self.covered[*place as usize];
-            if *covered == 0 {
-                self.lesion[*place as usize / self.problem.lesion] += 1;
-            }
-            *covered += 1;
-        }
+        candidate
+            .cut
+            .iter()
+            .for_each(|voxel| self.count_voxel(*voxel));
+        candidate
+            .places
+            .iter()
+            .for_each(|place| self.count_place(*place));
     }
 
     fn uncount(&mut self, candidate: usize) {
         let candidate = &self.problem.candidates[candidate];
-        let inside = candidate.inside;
-        for (place, voxel) in candidate.cut.iter().enumerate() {
-            let bitten = &mut self.bitten[*voxel as usize];
-            *bitten -= 1;
-            if *bitten == 0 {
-                *(if place < inside {
-                    &mut self.region
-                } else {
-                    &mut self.outside
-                }) -= 1;
-            }
+        candidate
+            .cut
+            .iter()
+            .for_each(|voxel| self.uncount_voxel(*voxel));
+        candidate
+            .places
+            .iter()
+            .for_each(|place| self.uncount_place(*place));
+    }
+
+    fn count_voxel(&mut self, voxel: u32) {
+        let bitten = &mut self.bitten[voxel as usize];
+        *bitten += 1;
+        if *bitten == 1 {
+            *self.part_of(voxel) += 1;
         }
-        for place in &candidate.places {
-            let covered = &mut self.covered[*place as usize];
-            *covered -= 1;
-            if *covered == 0 {
-                self.lesion[*place as usize / self.problem.lesion] -= 1;
-            }
+    }
+
+    fn uncount_voxel(&mut self, voxel: u32) {
+        let bitten = &mut self.bitten[voxel as usize];
+        *bitten -= 1;
+        if *bitten == 0 {
+            *self.part_of(voxel) -= 1;
+        }
+    }
+
+    /// The sum that a voxel belongs to.
+    fn part_of(&mut self, voxel: u32) -> &mut usize {
+        if (voxel as usize) < self.problem.region {
+            &mut self.region
+        } else {
+            &mut self.outside
+        }
+    }
+
+    fn count_place(&mut self, place: u32) {
+        let covered = &mut self.covered[place as usize];
+        *covered += 1;
+        if *covered == 1 {
+            self.lesion[place as usize / self.problem.lesion] += 1;
+        }
+    }
+
+    fn uncount_place(&mut self, place: u32) {
+        let covered = &mut self.covered[place as usize];
+        *covered -= 1;
+        if *covered == 0 {
+            self.lesion[place as usize / self.problem.lesion] -= 1;
         }
     }
 
@@ -217,7 +251,13 @@ impl<'a> Selection<'a> {
 
     /// What the throats miss in the best order, in voxels.
     fn blocked(&mut self) -> f64 {
-        let order = order::of(&self.chosen, self.problem, &mut self.gone);
-        THROAT_WEIGHT * f64::from(order.excess) / f64::from(WHOLE_THROAT) + order.stuck.len() as f64
+        let sequence = std::mem::take(&mut self.sequence);
+        let order = order::of_slots(sequence, &self.chosen, self.problem, &mut self.gone);
+        let blocked = THROAT_WEIGHT * f64::from(order.excess) / f64::from(WHOLE_THROAT)
+            + order.stuck.len() as f64;
+        // The next set differs in one bite: its order will hardly be another.
+        self.sequence = order.made;
+        self.sequence.extend(order.stuck);
+        blocked
     }
 }

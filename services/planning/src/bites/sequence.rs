@@ -43,7 +43,7 @@ pub(super) fn of(chosen: &[usize], problem: &Problem, portals: &[Point3]) -> Vec
             break;
         };
         let candidate = &problem.candidates[left.remove(slot)];
-        gone.add(&candidate.cut);
+        gone.add(&candidate.cut_bits);
         order.push((candidate.portal, candidate.bite));
     }
     order
