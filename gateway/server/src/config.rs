@@ -26,6 +26,10 @@ pub struct Config {
     pub instrument: String,
     /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
+    /// How far the joint is opened, mm: the gap between the top of the meniscus and the condyle. Plans then keep the
+    /// forceps' shaft clear of condyle and plateau. Without it nothing is known of the joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint_opening_mm: Option<f64>,
     /// The jaw of the forceps in use.
     pub jaw: Jaw,
     /// Where things are in the cell. Without it cases are registered, but nothing is planned and nothing moves:
@@ -91,6 +95,8 @@ pub struct Cell {
     pub arthroscope_rest: Point3,
     /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
+    /// How far the joint is opened, mm, if that is known.
+    pub joint_opening_mm: Option<f64>,
 }
 
 /// A value of the configuration that cannot be used.
@@ -112,6 +118,7 @@ impl Default for Config {
             motion: "127.0.0.1:50053".to_owned(),
             instrument: "127.0.0.1:50054".to_owned(),
             view_distance_mm: 20.0,
+            joint_opening_mm: None,
             jaw: Jaw::default(),
             calibration: None,
         }
@@ -125,6 +132,9 @@ impl Config {
         within("jaw.length_mm", self.jaw.length_mm, 0.5, 20.0)?;
         within("jaw.throat_mm", self.jaw.throat_mm, 0.1, 10.0)?;
         within("view_distance_mm", self.view_distance_mm, 1.0, 200.0)?;
+        if let Some(opening_mm) = self.joint_opening_mm {
+            within("joint_opening_mm", opening_mm, -20.0, 50.0)?;
+        }
         let Some(calibration) = &self.calibration else {
             return Ok(None);
         };
@@ -154,6 +164,7 @@ impl Config {
                 calibration.arthroscope_rest_mm,
             )?,
             view_distance_mm: self.view_distance_mm,
+            joint_opening_mm: self.joint_opening_mm,
         }))
     }
 }

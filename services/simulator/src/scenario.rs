@@ -116,6 +116,8 @@ pub struct SystemView {
     pub divot_in_forceps_base: Point3,
     /// Tool pose over the tray at which the jaw lets go.
     pub forceps_base_from_tool_at_tray: Rigid<ForcepsBase, Tool>,
+    /// How far the joint is opened: between the top of the meniscus and the condyle, mm.
+    pub joint_gap_mm: f64,
     /// Across the shaft and along it, mm.
     pub jaw_width_mm: f64,
     /// Along the shaft, mm.
@@ -222,6 +224,7 @@ impl Scenario {
             flange_from_board: layout.flange_from_board(),
             divot_in_forceps_base: layout.divot_mm.into(),
             forceps_base_from_tool_at_tray: layout.forceps_base_from_tool_at_tray(),
+            joint_gap_mm: self.spec.knee.joint_gap_mm,
             jaw_width_mm: self.spec.jaw.width_mm,
             jaw_length_mm: self.spec.jaw.length_mm,
             start_joints_rad: layout.start_joints_rad,

@@ -107,6 +107,7 @@ impl Configuration {
             planning: address(ServiceName::Planning),
             motion: address(ServiceName::Motion),
             instrument: address(ServiceName::Instrument),
+            joint_opening_mm: Some(view.joint_gap_mm),
             jaw: Jaw {
                 width_mm: view.jaw_width_mm,
                 length_mm: view.jaw_length_mm,

@@ -113,8 +113,18 @@ impl CaseApi {
         answers: &mpsc::Sender<Result<proto::PlanCaseResponse, Status>>,
     ) -> DomainResult<()> {
         use planning::plan_resection_response::Event;
-        let portals = Portals::of(&case, self.cases.cell()?)?;
-        let options = options(&case, request, jaw, &portals);
+        let cell = self.cases.cell()?;
+        let portals = Portals::of(&case, cell)?;
+        let joint = cell
+            .joint_opening_mm
+            .map(|opening_mm| planning::JointOptions {
+                opening_mm,
+                ..planning::JointOptions::default()
+            });
+        let options = planning::PlanResectionOptions {
+            joint,
+            ..options(&case, request, jaw, &portals)
+        };
         let model = self.cases.packed_model(&case.id).await?;
         let planning = &self.clients.planning;
         let renamed = |failure: crate::clients::Failure| failure.without_prefix(PLANNING_PREFIX);
