@@ -528,6 +528,8 @@ async fn tissue_that_stops_the_jaw_ends_the_bite_at_the_current_limit_and_the_ja
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_bite_that_is_stopped_leaves_the_jaw_unknown() {
     let mut world = World::homed().await;
+    // The bite shall not end before it is stopped.
+    world.cell.set_micros_per_request(1);
     let mut ticket = world
         .begin(Command::Bite {
             current_limit_ma: 500.0,
