@@ -33,6 +33,7 @@ pub use scoring::{EvaluationRequest, Given, evaluate};
 const MIN_REGION_MM3: f64 = 1.5;
 /// Distance between the points of a contour handed out, mm.
 const CONTOUR_SPACING_MM: f64 = 0.2;
+
 /// The bites and what they are made from; all points in ct, mm.
 #[derive(Clone, Debug)]
 pub struct Plan {

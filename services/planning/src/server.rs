@@ -1,7 +1,7 @@
 //! The gRPC side: requests into the domain, results and refusals out. Nothing is decided here.
 //!
 //! A computation runs on a blocking thread. It hears that the client went when the answer's channel
-//! closes, which also happens when the deadline passes.
+//! closes, and ends with what it has when the deadline comes near.
 
 mod answer;
 mod intake;
