@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use tokio::net::TcpStream;
 
-use crate::{RobotMode, SafetyMode, rtde::wire};
+use crate::{
+    RobotMode, SafetyMode,
+    rtde::{ControllerVersion, Since, wire},
+};
 
 /// Errors of the link.
 #[derive(Debug, thiserror::Error)]
@@ -62,6 +65,26 @@ pub enum Error {
         answer: wire::Type,
         /// Type this client needs.
         wanted: wire::Type,
+    },
+    /// The controller's software does not have a recipe field yet.
+    #[error("rtde field {name} came with {since}; the controller has {found}")]
+    FieldSince {
+        /// Name of the field.
+        name: String,
+        /// First software that has it.
+        since: Since,
+        /// Software of the controller.
+        found: ControllerVersion,
+    },
+    /// The controller's software is too old for something.
+    #[error("{what} needs controller software {needs}, found {found}")]
+    TooOld {
+        /// What.
+        what: &'static str,
+        /// Software of the controller.
+        found: ControllerVersion,
+        /// First that would do.
+        needs: &'static str,
     },
     /// The arm is in no state to run a program.
     #[error("arm is not ready: robot mode {robot_mode}, safety mode {safety_mode}")]
