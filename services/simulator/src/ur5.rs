@@ -1,8 +1,8 @@
-//! A simulated UR5 controller (CB3): joints that follow commands with lag and limits, a URScript interpreter, and the
-//! network services of the real one.
+//! A simulated controller of a UR5 (CB3) or UR5e (e-Series): joints that follow commands with lag and limits, a URScript
+//! interpreter, and the network services of the real one.
 //!
-//! [`Controller`] is pure and synchronous: [`Controller::tick`] advances it by one cycle of 8 ms, whatever the wall clock
-//! says. [`servers::serve`] puts it on the network.
+//! [`Controller`] is pure and synchronous: [`Controller::tick`] advances it by one cycle ([`Controller::step_s`]), whatever
+//! the wall clock says. [`servers::serve`] puts it on the network.
 
 mod config;
 mod dashboard;
@@ -16,6 +16,7 @@ mod profile;
 mod realtime;
 mod registers;
 mod robot;
+mod series;
 pub mod servers;
 mod urscript;
 
@@ -25,7 +26,8 @@ use ur_link::{RobotMode, RuntimeState, SafetyMode, rtde::wire::Value};
 pub use config::Config;
 pub use outputs::Output;
 pub use registers::Input;
-pub use robot::{Message, STEP_S};
+pub use robot::Message;
+pub use series::{NotAVersion, Series, Since, Version};
 pub use servers::{Ports, ServerOptions, Servers, Shared, serve};
 pub use urscript::Error as ScriptError;
 
@@ -90,6 +92,11 @@ impl Controller {
         self.robot.advance();
     }
 
+    /// One cycle, s.
+    pub fn step_s(&self) -> f64 {
+        self.robot.step_s()
+    }
+
     /// s since the start.
     pub fn timestamp_s(&self) -> f64 {
         self.robot.now_s()
@@ -107,7 +114,7 @@ impl Controller {
 
     /// Base from flange where the arm truly is, m.
     pub fn flange(&self) -> Isometry3<f64> {
-        kinematics::flange(&self.robot.drives.q)
+        self.robot.dh.flange(&self.robot.drives.q)
     }
 
     /// Power and brakes.

@@ -2,12 +2,19 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::kinematics::Joints;
+use super::{
+    kinematics::{Dh, Joints},
+    series::{Series, Version},
+};
 
 /// What the arm is like and how it starts.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// CB3 with a UR5, or e-Series with a UR5e.
+    pub series: Series,
+    /// Controller software, of the major number of its series.
+    pub version: Version,
     /// First position: base, shoulder, elbow, wrist 1, 2, 3.
     pub joints_rad: Joints,
     /// Starts with brakes released, not powered off.
@@ -26,8 +33,6 @@ pub struct Config {
     pub boot_s: f64,
     /// From idle to running.
     pub brake_release_s: f64,
-    /// Controller software: major, minor, bugfix, build.
-    pub version: [u32; 4],
     /// As `get serial number` answers.
     pub serial_number: String,
 }
@@ -35,6 +40,8 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            series: Series::Cb3,
+            version: Series::Cb3.default_version(),
             joints_rad: [0.0, -1.7, 1.9, -1.77, -1.57, 0.0],
             powered: false,
             // Not quite equal, as of no real arm: what tells a straight line from joints that lag each in its way.
@@ -45,8 +52,28 @@ impl Default for Config {
             tracking_limit_rad: 0.3,
             boot_s: 2.0,
             brake_release_s: 1.0,
-            version: [3, 15, 8, 106_339],
             serial_number: "2018350001".to_owned(),
         }
+    }
+}
+
+impl Config {
+    /// An arm of this series with its usual software.
+    pub fn of(series: Series) -> Self {
+        let serial_number = match series {
+            Series::Cb3 => "2018350001",
+            Series::E => "20225500001",
+        };
+        Self {
+            series,
+            version: series.default_version(),
+            serial_number: serial_number.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Geometry of the arm.
+    pub fn dh(&self) -> Dh {
+        self.series.dh()
     }
 }

@@ -62,8 +62,7 @@ impl Controller {
             "get loaded program" => "No program loaded".to_owned(),
             "isProgramSaved" => "true <unnamed>".to_owned(),
             "PolyscopeVersion" => {
-                let [major, minor, bugfix, build] = self.robot.config.version;
-                format!("URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2024)")
+                format!("URSoftware {} (Jan 01 2024)", self.robot.config.version)
             }
             "get serial number" => self.robot.config.serial_number.clone(),
             "get robot model" => "UR5".to_owned(),

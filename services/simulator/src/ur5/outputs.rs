@@ -5,7 +5,7 @@ use ur_link::{
     rtde::wire::{Type, Value},
 };
 
-use super::{Controller, kinematics::Joints, registers::Register, robot::STEP_S};
+use super::{Controller, kinematics::Joints, registers::Register};
 
 /// Voltage of the arm's supply, V.
 const SUPPLY_V: f64 = 48.0;
@@ -108,11 +108,11 @@ const STATE: &[Row] = &[
     ("joint_temperatures", Type::Vector6D, |_| {
         Value::Vector6D([JOINT_TEMPERATURE_C; 6])
     }),
-    ("actual_execution_time", Type::Double, |_| {
-        Value::Double(STEP_S * 0.1)
+    ("actual_execution_time", Type::Double, |c| {
+        Value::Double(c.step_s() * 0.1)
     }),
-    ("target_execution_time", Type::Double, |_| {
-        Value::Double(STEP_S)
+    ("target_execution_time", Type::Double, |c| {
+        Value::Double(c.step_s())
     }),
     ("robot_mode", Type::Int32, |c| {
         Value::Int32(c.robot_mode().code())
@@ -271,14 +271,8 @@ impl Controller {
 
     pub(super) fn elbow_position(&self) -> [f64; 3] {
         let [base, shoulder, ..] = self.robot.drives.q;
-        let (reach, height) = (
-            super::kinematics::A_M[1] * shoulder.cos(),
-            super::kinematics::A_M[1] * shoulder.sin(),
-        );
-        [
-            reach * base.cos(),
-            reach * base.sin(),
-            height + super::kinematics::D_M[0],
-        ]
+        let dh = &self.robot.dh;
+        let (reach, height) = (dh.a_m[1] * shoulder.cos(), dh.a_m[1] * shoulder.sin());
+        [reach * base.cos(), reach * base.sin(), height + dh.d_m[0]]
     }
 }

@@ -2,12 +2,7 @@
 
 use ur_link::{RuntimeState, SafetyMode};
 
-use super::{
-    Controller,
-    kinematics::{A_M, ALPHA_RAD, D_M},
-    outputs::JOINT_TEMPERATURE_C,
-    robot::Message,
-};
+use super::{Controller, outputs::JOINT_TEMPERATURE_C, robot::Message};
 
 const ROBOT_STATE: u8 = 16;
 const ROBOT_MESSAGE: u8 = 20;
@@ -43,7 +38,7 @@ impl Controller {
                 doubles(out, &self.robot.tcp_offset);
             });
             if detail == Detail::WithConfiguration {
-                packet(out, 5, encode_kinematics);
+                packet(out, 5, |out| self.encode_kinematics(out));
                 packet(out, 6, |out| self.encode_configuration(out));
             }
         });
@@ -51,7 +46,7 @@ impl Controller {
 
     /// Appends the message that follows a connection.
     pub(super) fn encode_version(&self, out: &mut Vec<u8>) {
-        let [major, minor, bugfix, build] = self.robot.config.version;
+        let [major, minor, bugfix, build] = self.robot.config.version.0;
         self.message(out, VERSION_MESSAGE, |out| {
             short_text(out, "URControl");
             out.extend([major as u8, minor as u8]);
@@ -174,24 +169,26 @@ impl Controller {
         }
         // Defaults of movej and movel, and the radius that turns tool rotation into way.
         doubles(out, &[1.05, 1.4, 0.25, 1.2, 0.5]);
-        doubles(out, &A_M);
-        doubles(out, &D_M);
-        doubles(out, &ALPHA_RAD);
-        doubles(out, &[0.0; 6]);
+        let dh = &self.robot.dh;
+        doubles(out, &dh.a_m);
+        doubles(out, &dh.d_m);
+        doubles(out, &dh.alpha_rad);
+        doubles(out, &dh.theta_rad);
         // Masterboard version, CB3 box, UR5, no sub type.
         for number in [0i32, 2, 1, 0] {
             out.extend(number.to_be_bytes());
         }
     }
-}
 
-fn encode_kinematics(out: &mut Vec<u8>) {
-    out.extend([0; 24]); // checksums
-    doubles(out, &[0.0; 6]);
-    doubles(out, &A_M);
-    doubles(out, &D_M);
-    doubles(out, &ALPHA_RAD);
-    out.extend(0u32.to_be_bytes());
+    fn encode_kinematics(&self, out: &mut Vec<u8>) {
+        let dh = &self.robot.dh;
+        out.extend([0; 24]); // checksums
+        doubles(out, &dh.theta_rad);
+        doubles(out, &dh.a_m);
+        doubles(out, &dh.d_m);
+        doubles(out, &dh.alpha_rad);
+        out.extend(0u32.to_be_bytes());
+    }
 }
 
 /// Size, type, body: packets and sub-packages alike.

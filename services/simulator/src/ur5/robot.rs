@@ -9,20 +9,18 @@ use ur_link::{RobotMode, rtde::wire::Value};
 use super::{
     Config,
     joints::Drives,
-    kinematics::{self, Joints},
+    kinematics::{self, Dh, Joints},
     motion::{self, Motion, Progress, Target},
     power::Power,
     registers::{Bank, Input, Outputs},
 };
 
-/// One cycle of a CB3 controller.
-pub const STEP_S: f64 = 0.008;
 /// Deceleration when a program ends or loses its motion, rad/s².
 const PROGRAM_STOP_RAD_S2: f64 = 4.0;
 /// Deceleration of a protective stop, rad/s².
 const PROTECTIVE_STOP_RAD_S2: f64 = 20.0;
-/// Largest change of the speed scaling in one cycle: full speed to pause in 80 ms.
-const SCALING_STEP: f64 = 0.1;
+/// Largest change of the speed scaling, 1/s: full speed to pause in 80 ms.
+const SCALING_PER_S: f64 = 12.5;
 /// Lines kept for clients that are slow to fetch them.
 const LOG_LINES: usize = 256;
 
@@ -39,6 +37,8 @@ pub struct Ticket(u64);
 pub struct Robot {
     /// As configured.
     pub config: Config,
+    /// Geometry of the arm.
+    pub dh: Dh,
     /// Power, brakes, safety.
     pub power: Power,
     /// Joints as commanded.
@@ -108,6 +108,7 @@ impl Robot {
         };
         let q = config.joints_rad;
         Self {
+            dh: config.dh(),
             power: Power::new(mode, config.boot_s, config.brake_release_s),
             target: Target::resting(q),
             target_qdd: [0.0; 6],
@@ -144,7 +145,12 @@ impl Robot {
 
     /// s since the controller started.
     pub fn now_s(&self) -> f64 {
-        self.cycle as f64 * STEP_S
+        self.cycle as f64 * self.step_s()
+    }
+
+    /// One cycle of the controller, s.
+    pub fn step_s(&self) -> f64 {
+        self.config.series.step_s()
     }
 
     /// 0..1: the share of nominal speed at which paths advance.
@@ -180,14 +186,20 @@ impl Robot {
 
     /// Base from tool for these joints, as URScript writes it.
     pub fn tool_pose(&self, joints: &Joints) -> Joints {
-        kinematics::to_pose(&(kinematics::flange(joints) * self.flange_from_tool))
+        kinematics::to_pose(&(self.dh.flange(joints) * self.flange_from_tool))
     }
 
     /// Twist of the tool in base axes.
     pub fn tool_speed(&self, joints: &Joints, speeds: &Joints) -> Joints {
         let twist =
-            kinematics::jacobian(joints, &self.flange_from_tool) * nalgebra::Vector6::from(*speeds);
+            self.dh.jacobian(joints, &self.flange_from_tool) * nalgebra::Vector6::from(*speeds);
         twist.into()
+    }
+
+    /// `speedl` or `stopl` from how the tool moves now.
+    pub fn tool_motion(&self, speed: nalgebra::Vector6<f64>, accel: f64) -> Motion {
+        let (step_s, tool) = (self.step_s(), &self.flange_from_tool);
+        Motion::tool_speed(&self.dh, &self.target, step_s, tool, speed, accel)
     }
 
     /// A number for a new thread.
@@ -341,18 +353,20 @@ impl Robot {
     /// One cycle of motion.
     pub fn advance(&mut self) {
         self.cycle += 1;
+        let step_s = self.step_s();
         self.power.tick(self.now_s());
         let wanted = if self.paused { 0.0 } else { self.speed_slider };
-        self.scaling += (wanted - self.scaling).clamp(-SCALING_STEP, SCALING_STEP);
+        self.scaling +=
+            (wanted - self.scaling).clamp(-SCALING_PER_S * step_s, SCALING_PER_S * step_s);
         if self.power.mode != RobotMode::Running {
             self.rest_where_it_is();
             return;
         }
         let before = self.target;
         self.move_target();
-        self.drives.follow(&self.target.q, STEP_S);
+        self.drives.follow(&self.target.q, step_s);
         for joint in 0..6 {
-            self.target_qdd[joint] = (self.target.qd[joint] - before.qd[joint]) / STEP_S;
+            self.target_qdd[joint] = (self.target.qd[joint] - before.qd[joint]) / step_s;
         }
         let lead = motion::largest_difference(&self.target.q, &self.drives.q);
         if lead > self.config.tracking_limit_rad {
@@ -361,17 +375,21 @@ impl Robot {
     }
 
     fn move_target(&mut self) {
-        let before = self.target;
+        let (before, step_s) = (self.target, self.step_s());
         // A stop takes its real time whatever the slider says.
         let stopping = matches!(self.motion, Motion::JointSpeed { speed, .. } if speed == [0.0; 6]);
         let dt = if stopping {
-            STEP_S
+            step_s
         } else {
-            STEP_S * self.scaling
+            step_s * self.scaling
         };
-        let progress = self
-            .motion
-            .advance(&mut self.target, &self.flange_from_tool, dt, STEP_S);
+        let progress = self.motion.advance(
+            &self.dh,
+            &mut self.target,
+            &self.flange_from_tool,
+            dt,
+            step_s,
+        );
         let fault = match progress {
             Progress::NoSolution => Some("no joint positions for the pose on the path".to_owned()),
             Progress::Moving | Progress::Reached => self.broken_limit(),

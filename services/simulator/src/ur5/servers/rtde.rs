@@ -19,10 +19,13 @@ use tokio::{
 use ur_link::rtde::wire::{self, Frame, Reply, Request, Type, Version};
 
 use super::{Shared, lock, outlet::Outlet};
-use crate::ur5::{Controller, Input, Output, robot::STEP_S};
+use crate::ur5::{Controller, Input, Output, Series};
 
 /// Recipes of inputs of one connection.
 const MAX_INPUT_RECIPES: usize = 255;
+
+/// Packages a second in version 1 of the protocol.
+const V1_RATE_HZ: f64 = 125.0;
 
 /// All RTDE connections.
 #[derive(Debug)]
@@ -206,7 +209,11 @@ impl Client {
             return self.write_inputs(*recipe, fields, hub, controller);
         }
         // The clock locks the controller before a session, so nobody may do it the other way round.
-        let controller_version = lock(controller).robot.config.version;
+        let (controller_version, series) = {
+            let controller = lock(controller);
+            let config = &controller.robot.config;
+            (config.version.0, config.series)
+        };
         let mut session = lock(&self.session);
         let reply = match request {
             Request::ProtocolVersion(wanted) => {
@@ -228,7 +235,7 @@ impl Client {
             Request::SetupOutputs {
                 frequency_hz,
                 names,
-            } => session.setup_outputs(frequency_hz, &names),
+            } => session.setup_outputs(series, frequency_hz, &names),
             Request::SetupInputs { names } => {
                 let (inputs, types) = hub.claim(self.number, &names);
                 let usable = types.iter().all(|kind| kind.is_field())
@@ -315,7 +322,12 @@ impl Client {
 }
 
 impl Session {
-    fn setup_outputs(&mut self, frequency_hz: Option<f64>, names: &[String]) -> Reply {
+    fn setup_outputs(
+        &mut self,
+        series: Series,
+        frequency_hz: Option<f64>,
+        names: &[String],
+    ) -> Reply {
         let found: Vec<_> = names.iter().map(|name| Output::from_name(name)).collect();
         let types = found
             .iter()
@@ -325,7 +337,7 @@ impl Session {
         self.started = false;
         self.outputs = usable.then(|| Outputs {
             fields: found.iter().flatten().map(|(field, _)| *field).collect(),
-            every: cycles_between(frequency_hz),
+            every: cycles_between(series, frequency_hz),
         });
         Reply::SetupOutputs {
             recipe: (self.version == Version::V2).then_some(u8::from(usable)),
@@ -334,11 +346,15 @@ impl Session {
     }
 }
 
-/// The controller sends every n-th cycle; 0 asks for all.
-fn cycles_between(frequency_hz: Option<f64>) -> u64 {
-    match frequency_hz {
-        Some(hz) if hz > 0.0 => (1.0 / (STEP_S * hz)).round().clamp(1.0, 1e6) as u64,
-        _ => 1,
+/// The controller sends every n-th cycle; 0 asks for all. Version 1 names no frequency and gets 125 Hz.
+fn cycles_between(series: Series, frequency_hz: Option<f64>) -> u64 {
+    let wanted_hz = frequency_hz.unwrap_or(V1_RATE_HZ);
+    if wanted_hz > 0.0 {
+        (1.0 / (series.step_s() * wanted_hz))
+            .round()
+            .clamp(1.0, 1e6) as u64
+    } else {
+        1
     }
 }
 

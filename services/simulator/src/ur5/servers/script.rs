@@ -12,7 +12,7 @@ use std::{
 use tokio::net::TcpStream;
 
 use super::{Shared, lock, outlet::Outlet};
-use crate::ur5::{Controller, primary::Detail, robot::STEP_S, urscript::Upload};
+use crate::ur5::{Controller, primary::Detail, urscript::Upload};
 
 /// Cycles between two robot states: 10 Hz.
 const STATE_EVERY_S: f64 = 0.1;
@@ -50,7 +50,8 @@ impl Hub {
         if clients.is_empty() {
             return;
         }
-        let period = ((controller.timestamp_s() + 0.5 * STEP_S) / STATE_EVERY_S) as u64;
+        let period =
+            ((controller.timestamp_s() + 0.5 * controller.step_s()) / STATE_EVERY_S) as u64;
         let state_due = self.period.swap(period, Ordering::Relaxed) != period;
         let (mut realtime, mut state) = (Vec::new(), Vec::new());
         for client in clients.iter() {

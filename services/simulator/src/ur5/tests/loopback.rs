@@ -16,7 +16,7 @@ use tokio::{
 use ur_link::{Command, Dashboard, Endpoint, Error, Fault, Options, RobotLink, SafetyMode, State};
 
 use crate::ur5::{
-    Config, Controller, STEP_S, ServerOptions, Shared, kinematics,
+    Config, Controller, Series, ServerOptions, Shared, kinematics,
     motion::largest_difference,
     servers::{Addresses, Ports, lock, serve},
 };
@@ -214,7 +214,7 @@ async fn a_moving_arm_stops_when_its_client_dies() {
     let way = controller.joints_rad()[0] - moving.actual_q[0];
     // Ten silent cycles and the deceleration.
     assert!(
-        way > 0.0 && way < 0.5 * (12.0 * STEP_S) + 0.5 * 0.5 / 8.0 + 0.02,
+        way > 0.0 && way < 0.5 * (12.0 * Series::Cb3.step_s()) + 0.5 * 0.5 / 8.0 + 0.02,
         "{way}"
     );
     assert_eq!(controller.robot.outputs.ints[27], 1);
@@ -477,12 +477,12 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
         received += 1;
     }
     let seconds = wall.elapsed().as_secs_f64();
-    let cycles = (state.timestamp_s - start.timestamp_s) / STEP_S;
+    let cycles = (state.timestamp_s - start.timestamp_s) / Series::Cb3.step_s();
     eprintln!(
         "{:.0} cycles/s, {:.0} states/s",
         cycles / seconds,
         f64::from(received) / seconds
     );
-    let reached = kinematics::flange(&lock(&cell.controller).joints_rad());
+    let reached = kinematics::UR5.flange(&lock(&cell.controller).joints_rad());
     assert!(reached.translation.vector.norm() > 0.1);
 }
