@@ -112,7 +112,7 @@ impl Arm {
                     self.acknowledge(arm).await?;
                     return Err(Failure::refused(TOO_FAST, operation.detail));
                 }
-                OperationState::Failed | OperationState::Stopped => {
+                OperationState::Failed | OperationState::Stopped | OperationState::InDoubt => {
                     return Err(Failure::new(
                         Kind::Failed,
                         operation.reason,
