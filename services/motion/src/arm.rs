@@ -44,8 +44,11 @@ pub struct ArmOptions {
     pub limits: Limits,
     /// The portal, if it is known from the start.
     pub portal: Option<Point3>,
-    /// The controller's period, s.
+    /// The controller's period as far as it is known without a link, s.
     pub period_s: f64,
+    /// Wall time without a state after which a moving arm is told to stop and a fault latched. The limit by the
+    /// controller's clock is `limits.stale_s`; a dead link shows on the wall clock alone.
+    pub silence: Duration,
     /// Wall time between two attempts to connect.
     pub reconnect: Duration,
 }
@@ -107,6 +110,10 @@ pub struct ArmState {
     pub speed_scaling: f64,
     /// The move under way.
     pub operation_id: Option<String>,
+    /// Whether the link is up; if not, this is what was measured last.
+    pub connected: bool,
+    /// States of the controller that did not come since the link was made.
+    pub states_missed: u64,
 }
 
 /// Why an arm does not move until somebody recovers it.

@@ -6,14 +6,14 @@ use std::time::Duration;
 use arthro_geometry::nalgebra::{Quaternion, UnitQuaternion};
 use arthro_geometry::{Point3, Rigid, Vector3};
 use serde::{Deserialize, Serialize};
-use ur_link::{Endpoint, Options};
+use ur_link::{Endpoint, Expected, Options, Series, Servo};
 
 use crate::arm::ArmOptions;
 use crate::kinematics::{Joints, ToolArm, ur5};
 use crate::limits::Limits;
 
-/// States a second of a CB3 controller.
-const FREQUENCY_HZ: f64 = 125.0;
+/// The program on the controller refuses samples this much faster than the fastest planned joint.
+const SAMPLE_SPEED_SHARE: f64 = 1.5;
 /// How far the norm of a unit quaternion may be from 1.
 pub const QUATERNION_TOLERANCE: f64 = 1e-3;
 
@@ -49,6 +49,9 @@ pub struct ArmConfig {
     pub script_port: u16,
     /// Wall time between two attempts to connect, s.
     pub reconnect_s: f64,
+    /// Wall time without a state after which a moving arm is told to stop and a fault latched, s. Longer for a simulated
+    /// cell on a busy machine.
+    pub silence_s: f64,
     /// How the tool is mounted.
     pub flange_from_tool: ToolMount,
     /// Mass at the flange, kg.
@@ -93,6 +96,7 @@ impl Default for ArmConfig {
             rtde_port: endpoint.rtde_port,
             script_port: endpoint.script_port,
             reconnect_s: 1.0,
+            silence_s: 0.1,
             flange_from_tool: ToolMount::default(),
             payload_kg: 1.0,
             portal_mm: None,
@@ -151,6 +155,7 @@ impl ArmConfig {
         }
         for (field, value) in [
             ("reconnect_s", self.reconnect_s),
+            ("silence_s", self.silence_s),
             ("payload_kg", self.payload_kg),
         ] {
             if !(0.0..=60.0).contains(&value) {
@@ -199,7 +204,8 @@ impl ArmConfig {
                 arm: ToolArm::new(flange_from_tool),
                 limits: self.limits.clone(),
                 portal: self.portal_mm.map(Point3::from),
-                period_s: 1.0 / FREQUENCY_HZ,
+                period_s: 1.0 / Series::Cb3.frequency_hz(),
+                silence: Duration::from_secs_f64(self.silence_s),
                 reconnect: Duration::from_secs_f64(self.reconnect_s),
             },
             link: self.link(&translation, &rotation.scaled_axis()),
@@ -209,18 +215,27 @@ impl ArmConfig {
 
     fn link(&self, tip_mm: &Vector3, rotation: &Vector3) -> Options {
         let tip_m = tip_mm * 1e-3;
+        let endpoint = Endpoint {
+            host: self.host.clone(),
+            dashboard_port: self.dashboard_port,
+            rtde_port: self.rtde_port,
+            script_port: self.script_port,
+        };
+        let options = Options::new(endpoint);
         Options {
             tcp_offset: [
                 tip_m.x, tip_m.y, tip_m.z, rotation.x, rotation.y, rotation.z,
             ],
             payload_kg: self.payload_kg,
-            frequency_hz: FREQUENCY_HZ,
-            ..Options::new(Endpoint {
-                host: self.host.clone(),
-                dashboard_port: self.dashboard_port,
-                rtde_port: self.rtde_port,
-                script_port: self.script_port,
-            })
+            expected: Some(Expected {
+                series: Series::Cb3,
+                model: "UR5".to_owned(),
+            }),
+            servo: Servo {
+                max_speed_rad_s: SAMPLE_SPEED_SHARE * self.limits.joint_speed_rad_s,
+                ..options.servo
+            },
+            ..options
         }
     }
 }

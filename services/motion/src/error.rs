@@ -20,13 +20,31 @@ pub enum Error {
         /// What it said.
         detail: String,
     },
-    /// No link to the controller.
-    #[error("the controller of the {arm} arm at {address} is not connected")]
+    /// No link to the controller, or none that may command it.
+    #[error("the controller of the {arm} arm at {address} is not connected: {why}")]
     NotConnected {
         /// Which arm.
         arm: &'static str,
         /// host:port.
         address: String,
+        /// From [`link_reason`].
+        reason: &'static str,
+        /// What the last attempt ran into.
+        why: String,
+    },
+    /// A move at speed 0 would begin whenever somebody raises the slider.
+    #[error("the speed slider is at {:.1} %; a move needs more than 0", 100.0 * .fraction)]
+    SpeedSlider {
+        /// 0 .. 1.
+        fraction: f64,
+    },
+    /// A move that would last for hours.
+    #[error("the move would last {duration_s:.0} s; limit {limit_s:.0} s")]
+    TooSlow {
+        /// At nominal speed.
+        duration_s: f64,
+        /// Limit.
+        limit_s: f64,
     },
     /// A fault is latched.
     #[error("a fault is latched and must be recovered first: {reason}: {detail}")]
@@ -161,7 +179,9 @@ impl Error {
             Self::Invalid(_) => "INVALID_ARGUMENT",
             Self::Authority(refusal) => refusal.reason(),
             Self::Remembered { reason, .. } => reason,
-            Self::NotConnected { .. } => "NOT_CONNECTED",
+            Self::NotConnected { reason, .. } => reason,
+            Self::SpeedSlider { .. } => "SPEED_SLIDER_ZERO",
+            Self::TooSlow { .. } => "TOO_SLOW",
             Self::Faulted { .. } => "FAULT_LATCHED",
             Self::FaultLasts { reason, .. } => reason,
             Self::NotReady { .. } => "CONTROLLER_NOT_READY",
@@ -185,7 +205,7 @@ impl Error {
     fn metadata(&self) -> Vec<(&'static str, String)> {
         match self {
             Self::Authority(refusal) => refusal.metadata(),
-            Self::NotConnected { arm, address } => {
+            Self::NotConnected { arm, address, .. } => {
                 vec![("arm", (*arm).to_owned()), ("address", address.clone())]
             }
             Self::Faulted { reason, detail } => {
@@ -244,6 +264,18 @@ impl Error {
             ],
             _ => Vec::new(),
         }
+    }
+}
+
+/// The stable word for why there is no link.
+pub fn link_reason(error: &ur_link::Error) -> &'static str {
+    match error {
+        ur_link::Error::InUse { .. } => "CONTROLLER_IN_USE",
+        ur_link::Error::Firmware { .. } => "CONTROLLER_FIRMWARE",
+        ur_link::Error::WrongRobot { .. } => "WRONG_ROBOT",
+        ur_link::Error::LocalControl => "LOCAL_CONTROL",
+        ur_link::Error::NotReady { .. } => "CONTROLLER_NOT_READY",
+        _ => "NOT_CONNECTED",
     }
 }
 

@@ -1,7 +1,7 @@
 //! Moves the two UR5 arms of a cell: free moves outside, and pivots, insertions and retractions whose
 //! shaft stays on the portal.
 //!
-//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`plan`], [`check`] and [`supervisor`] decide,
+//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`free_way`], [`plan`], [`check`] and [`supervisor`] decide,
 //! without I/O; [`arm`] is the task that owns an arm and acts; [`command`] keeps the lease and the
 //! remembered operations; [`server`] is the API.
 
@@ -11,6 +11,7 @@ pub mod command;
 pub mod config;
 pub mod controller;
 pub mod error;
+pub mod free_way;
 pub mod kinematics;
 pub mod limits;
 pub mod plan;

@@ -15,14 +15,14 @@ const STEP_MM: f64 = 5.0;
 const STEP_RAD: f64 = 0.02;
 /// A joint that moves farther in one such step jumps.
 const JUMP_RAD: f64 = 0.3;
-/// A turn of the tool is taken for at least this long a way, mm a rad: controllers bound the turning of
-/// a move on the spot by a radius of their own, which is larger.
-const TURN_RADIUS_MM: f64 = 100.0;
-/// What a straight move may use of the joint speed limit: the rest is for the controller's own tracking.
+/// A turn of the tool is taken for at least this long a way, mm a rad: it bounds the turning of a move on
+/// the spot.
+pub const TURN_RADIUS_MM: f64 = 100.0;
+/// What a straight move may use of the joint speed limit: the rest is for the arm's tracking.
 const LINE_JOINT_SHARE: f64 = 0.85;
 /// No straight move is slower, mm/s.
 const LINE_SPEED_MIN_MM_S: f64 = 1.0;
-/// A wider turn is so near to half a turn that the controller might take the other way round, rad.
+/// A wider turn is so near to half a turn that the way round it is a matter of rounding, rad.
 const TURN_MAX_RAD: f64 = std::f64::consts::PI - 0.01;
 /// A tip less than this deeper or shallower than asked for is there, mm.
 const DEPTH_NEAR_MM: f64 = 0.05;
@@ -77,14 +77,14 @@ pub enum Plan {
         /// Inward or outward.
         regime: Regime,
     },
-    /// The controller's own straight line.
+    /// A straight line outside.
     Line {
         /// Tool pose at the end.
         base_from_tool: Rigid<Base, Tool>,
         /// Tip speed, mm/s.
         speed_mm_s: f64,
     },
-    /// The controller's own joint move.
+    /// All joints in common time, outside.
     Joints {
         /// At the end, rad.
         joints_rad: Joints,

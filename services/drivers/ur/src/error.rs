@@ -86,6 +86,31 @@ pub enum Error {
         /// First that would do.
         needs: &'static str,
     },
+    /// Another client holds the inputs: somebody else commands this arm.
+    #[error("rtde input {name} is in use by another client, which commands this arm")]
+    InUse {
+        /// Name of the input.
+        name: String,
+    },
+    /// Software in which this crate's program cannot run.
+    #[error("controller software is {version}, needed is {needed}")]
+    Firmware {
+        /// What the controller says it has.
+        version: String,
+        /// Which can.
+        needed: &'static str,
+    },
+    /// The pendant has not handed over control.
+    #[error("the controller is in local control; switch it to remote control at the pendant")]
+    LocalControl,
+    /// Not the robot that was meant.
+    #[error("the robot is {found}, wanted is {wanted}")]
+    WrongRobot {
+        /// What it says it is.
+        found: String,
+        /// [`Options::expected`](crate::Options::expected).
+        wanted: String,
+    },
     /// The arm is in no state to run a program.
     #[error("arm is not ready: robot mode {robot_mode}, safety mode {safety_mode}")]
     NotReady {

@@ -29,12 +29,16 @@ mod codes;
 mod controller;
 mod dashboard;
 mod error;
+mod identity;
 mod link;
 pub mod program;
 pub mod rtde;
+mod stream;
 
 pub use codes::{RobotMode, RuntimeState, SafetyMode};
 pub use controller::Controller;
 pub use dashboard::Dashboard;
 pub use error::Error;
+pub use identity::{Expected, Identity, Series};
 pub use link::{Command, Endpoint, Fault, Options, ProgramState, RobotLink, Servo, Startup, State};
+pub use stream::{Stream, WINDOW_SAMPLES, Window};

@@ -246,6 +246,7 @@ pub fn operation(operation: &Operation, repeated: bool) -> common::Operation {
         OperationState::Done => common::OperationState::Done,
         OperationState::Failed => common::OperationState::Failed,
         OperationState::Stopped => common::OperationState::Stopped,
+        OperationState::InDoubt => common::OperationState::InDoubt,
     };
     common::Operation {
         operation_id: operation.id.clone(),
@@ -277,5 +278,7 @@ pub fn arm_state(which: Which, state: &ArmState) -> proto::ArmState {
         fault_detail,
         speed_scaling: state.speed_scaling,
         operation_id: state.operation_id.clone().unwrap_or_default(),
+        connected: state.connected,
+        states_missed: state.states_missed,
     }
 }
