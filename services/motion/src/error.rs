@@ -173,7 +173,9 @@ pub enum Error {
         limit_mm: f64,
     },
     /// A shaft that would lean too far from the portal's axis.
-    #[error("the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad")]
+    #[error(
+        "the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad"
+    )]
     Cone {
         /// Angle to the axis.
         lean_rad: f64,

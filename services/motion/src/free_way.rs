@@ -66,30 +66,37 @@ impl FreeWay {
                 .min((joint_half / second_rad.max(NO_MOTION)).sqrt());
             let acceleration = (limits.free_acceleration_mm_s2 / way_mm)
                 .min(joint_half / first_rad.max(NO_MOTION));
-            way.law = Some(law(speed, acceleration));
+            way.law = Some(law(speed, acceleration)?);
         }
         Ok(way)
     }
 
     /// From the joints `from` to `to`, the leading joint at most at `speed_rad_s`.
+    ///
+    /// # Errors
+    /// A time law that cannot be.
     pub fn joints(
         arm: ToolArm,
         from: &Joints,
         to: &Joints,
         speed_rad_s: f64,
         limits: &Limits,
-    ) -> Self {
+    ) -> Result<Self, Error> {
         let (_, turn_rad) = largest_difference(from, to);
         let acceleration = limits.joint_acceleration_rad_s2;
-        Self {
+        let law = if turn_rad > NO_MOTION {
+            Some(law(speed_rad_s / turn_rad, acceleration / turn_rad)?)
+        } else {
+            None
+        };
+        Ok(Self {
             arm,
             shape: Shape::Joints {
                 from: *from,
                 to: *to,
             },
-            law: (turn_rad > NO_MOTION)
-                .then(|| law(speed_rad_s / turn_rad, acceleration / turn_rad)),
-        }
+            law,
+        })
     }
 
     /// Time from rest to rest, s.
@@ -149,7 +156,7 @@ impl FreeWay {
     }
 }
 
-fn law(speed: f64, acceleration: f64) -> TimeLaw {
+fn law(speed: f64, acceleration: f64) -> Result<TimeLaw, Error> {
     TimeLaw::new(&RateLimits {
         speed,
         acceleration,
@@ -216,13 +223,13 @@ mod tests {
         let mut to = START;
         to[0] += 0.6;
         to[3] -= 0.2;
-        let way = FreeWay::joints(arm(), &START, &to, 0.5, &Limits::default());
+        let way = FreeWay::joints(arm(), &START, &to, 0.5, &Limits::default()).unwrap();
         for joints in samples(&way) {
             assert!(((joints[0] - START[0]) + 3.0 * (joints[3] - START[3])).abs() < 1e-12);
         }
         assert_eq!(samples(&way).last(), Some(&to));
         assert!(way.duration_s() > 1.2);
-        let none = FreeWay::joints(arm(), &START, &START, 0.5, &Limits::default());
+        let none = FreeWay::joints(arm(), &START, &START, 0.5, &Limits::default()).unwrap();
         assert_eq!((none.duration_s(), none.fraction(0.0)), (0.0, 1.0));
     }
 }

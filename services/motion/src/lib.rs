@@ -6,7 +6,9 @@
 //! remembered operations; [`server`] is the API.
 
 pub mod arm;
+pub mod bodies;
 pub mod check;
+pub mod clearance;
 pub mod command;
 pub mod config;
 pub mod controller;
@@ -20,6 +22,7 @@ pub mod server;
 pub mod supervisor;
 pub mod time_law;
 pub mod trajectory;
+pub mod workspace;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 

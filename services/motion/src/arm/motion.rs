@@ -85,7 +85,7 @@ impl Motion {
                 joints_rad,
                 speed_rad_s,
             } => {
-                let way = FreeWay::joints(*arm, &start, &joints_rad, speed_rad_s, limits);
+                let way = FreeWay::joints(*arm, &start, &joints_rad, speed_rad_s, limits)?;
                 (Way::Outside(Box::new(way)), Regime::Outside)
             }
         };
