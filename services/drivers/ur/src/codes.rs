@@ -83,6 +83,10 @@ codes! {
         ValidateJointId = 10 "VALIDATE_JOINT_ID",
         /// Not defined.
         Undefined = 11 "UNDEFINED_SAFETY_MODE",
+        /// Safeguard input of the automatic mode, e-Series.
+        AutomaticModeSafeguardStop = 12 "AUTOMATIC_MODE_SAFEGUARD_STOP",
+        /// Enabling device released, e-Series.
+        ThreePositionEnablingStop = 13 "SYSTEM_THREE_POSITION_ENABLING_STOP",
     }
 }
 

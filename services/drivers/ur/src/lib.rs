@@ -25,16 +25,24 @@
 //! The parts can be used alone: [`rtde::wire`] is a codec without I/O for both directions, [`rtde::Client`] speaks RTDE
 //! with any recipe, [`Dashboard`] the dashboard protocol.
 
+mod calibration;
 mod codes;
 mod controller;
 mod dashboard;
 mod error;
 mod link;
+pub mod primary;
 pub mod program;
+pub mod realtime;
 pub mod rtde;
+pub mod script;
 
+pub use calibration::{Calibration, Model};
 pub use codes::{RobotMode, RuntimeState, SafetyMode};
 pub use controller::Controller;
 pub use dashboard::Dashboard;
 pub use error::Error;
 pub use link::{Command, Endpoint, Fault, Options, ProgramState, RobotLink, Servo, Startup, State};
+pub use primary::Primary;
+pub use realtime::Realtime;
+pub use script::Script;
