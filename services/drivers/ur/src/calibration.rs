@@ -173,8 +173,8 @@ impl Calibration {
     pub fn flange(&self, joints_rad: &[f64; 6]) -> Pose {
         let mut turn = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let mut at = [0.0; 3];
-        for joint in 0..6 {
-            let (sin, cos) = (joints_rad[joint] + self.dh_theta[joint]).sin_cos();
+        for (joint, position_rad) in joints_rad.iter().enumerate() {
+            let (sin, cos) = (position_rad + self.dh_theta[joint]).sin_cos();
             let (tilt_sin, tilt_cos) = self.dh_alpha[joint].sin_cos();
             let (a, d) = (self.dh_a[joint], self.dh_d[joint]);
             let step = [

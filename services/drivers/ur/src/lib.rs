@@ -28,7 +28,7 @@
 mod calibration;
 mod codes;
 mod controller;
-mod dashboard;
+pub mod dashboard;
 mod error;
 mod link;
 pub mod primary;
