@@ -5,8 +5,9 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 
 use crate::{
-    RobotMode, SafetyMode,
+    RobotMode, SafetyMode, primary,
     rtde::{ControllerVersion, Since, wire},
+    script::Exception,
 };
 
 /// Errors of the link.
@@ -48,6 +49,34 @@ pub enum Error {
     /// Bytes that are not the protocol.
     #[error("rtde protocol violated")]
     Wire(#[from] wire::Error),
+    /// Bytes that are not the protocol of the primary interface.
+    #[error("protocol of the primary interface violated")]
+    Primary(#[source] primary::wire::Error),
+    /// A packet of the realtime interface that no software since 3.0 sends.
+    #[error(
+        "packet of the realtime interface has size {size}; software since 3.0 sends 1044 to 4092"
+    )]
+    RealtimeSize {
+        /// As the size field says.
+        size: i32,
+    },
+    /// A text that is no program.
+    #[error("the program {0}")]
+    Script(&'static str),
+    /// A program that the controller does not run.
+    #[error("program {name} failed at {exception}")]
+    Program {
+        /// Its name.
+        name: String,
+        /// Where and why.
+        exception: Exception,
+    },
+    /// A protective stop was to be unlocked within five seconds of its occurrence.
+    #[error("a protective stop is unlocked 5 s after it happened at the earliest: {answer}")]
+    UnlockTooEarly {
+        /// What the controller answered.
+        answer: String,
+    },
     /// The controller said no.
     #[error("{request} refused: {answer}")]
     Refused {

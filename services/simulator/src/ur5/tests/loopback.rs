@@ -375,7 +375,7 @@ async fn after_a_protective_stop_nothing_moves_until_recovered_and_commanded_ane
     .await;
     assert!(!state.program.ready);
     assert!(
-        matches!(arm.recover().await, Err(Error::Refused { .. })),
+        matches!(arm.recover().await, Err(Error::UnlockTooEarly { .. })),
         "unlocked within five seconds"
     );
     let due_s = state.timestamp_s + 5.1;
@@ -421,7 +421,10 @@ async fn the_dashboard_answers_line_by_line() {
         dashboard.polyscope_version().await.unwrap(),
         "3.15.8.106339"
     );
-    assert_eq!(dashboard.robot_mode().await.unwrap(), "POWER_OFF");
+    assert_eq!(
+        dashboard.robot_mode().await.unwrap(),
+        ur_link::RobotMode::PowerOff
+    );
     assert!(
         dashboard
             .ask("nonsense")
