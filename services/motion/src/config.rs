@@ -3,7 +3,7 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Duration;
 
-use arthro_geometry::nalgebra::{Quaternion, UnitQuaternion};
+use arthro_geometry::nalgebra::{Quaternion, Unit, UnitQuaternion};
 use arthro_geometry::{Point3, Rigid, Vector3};
 use serde::{Deserialize, Serialize};
 use ur_link::{Endpoint, Options};
@@ -11,6 +11,7 @@ use ur_link::{Endpoint, Options};
 use crate::arm::ArmOptions;
 use crate::kinematics::{Joints, ToolArm, ur5};
 use crate::limits::Limits;
+use crate::rcm::Portal;
 
 /// States a second of a CB3 controller.
 const FREQUENCY_HZ: f64 = 125.0;
@@ -55,6 +56,8 @@ pub struct ArmConfig {
     pub payload_kg: f64,
     /// The portal in the arm's base, mm, if it is known from the start; else SetPortal states it.
     pub portal_mm: Option<[f64; 3]>,
+    /// Into the joint, in the arm's base: the axis of the cone about `portal_mm`. Need not be a unit vector.
+    pub portal_axis: Option<[f64; 3]>,
     /// Where the arm waits between bites, rad: gives the branch and the roll of the dry run.
     pub neutral_joints_rad: Joints,
     /// What it may do.
@@ -96,6 +99,7 @@ impl Default for ArmConfig {
             flange_from_tool: ToolMount::default(),
             payload_kg: 1.0,
             portal_mm: None,
+            portal_axis: None,
             neutral_joints_rad: [0.479, -1.185, -2.041, 3.004, -1.102, -1.469],
             limits: Limits::default(),
         }
@@ -182,14 +186,9 @@ impl ArmConfig {
                 "is beyond the joint limits".to_owned(),
             ));
         }
-        if !self
-            .portal_mm
-            .iter()
-            .flatten()
-            .all(|value| value.is_finite())
-        {
-            return Err(wrong("portal_mm", "is not finite".to_owned()));
-        }
+        let portal = self
+            .portal()
+            .map_err(|(field, fault)| wrong(field, fault))?;
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         let flange_from_tool = Rigid::new(rotation, translation);
         Ok(ArmSetup {
@@ -198,13 +197,33 @@ impl ArmConfig {
                 address: format!("{}:{}", self.host, self.rtde_port),
                 arm: ToolArm::new(flange_from_tool),
                 limits: self.limits.clone(),
-                portal: self.portal_mm.map(Point3::from),
+                portal,
                 period_s: 1.0 / FREQUENCY_HZ,
                 reconnect: Duration::from_secs_f64(self.reconnect_s),
             },
             link: self.link(&translation, &rotation.scaled_axis()),
             neutral_joints_rad: self.neutral_joints_rad,
         })
+    }
+
+    fn portal(&self) -> Result<Option<Portal>, (&'static str, String)> {
+        let axis = match self.portal_axis.map(Vector3::from) {
+            None => None,
+            Some(axis) => Some(Unit::try_new(axis, 1e-9).filter(finite).ok_or_else(|| {
+                let fault = "must be finite and longer than nothing".to_owned();
+                ("portal_axis", fault)
+            })?),
+        };
+        let Some(point) = self.portal_mm else {
+            return Ok(None);
+        };
+        if !point.iter().all(|value| value.is_finite()) {
+            return Err(("portal_mm", "is not finite".to_owned()));
+        }
+        let portal = Portal::new(Point3::from(point), axis);
+        portal
+            .map(Some)
+            .map_err(|error| ("portal_mm", format!("is refused: {error}")))
     }
 
     fn link(&self, tip_mm: &Vector3, rotation: &Vector3) -> Options {
@@ -223,6 +242,10 @@ impl ArmConfig {
             })
         }
     }
+}
+
+fn finite(direction: &Unit<Vector3>) -> bool {
+    direction.iter().all(|value| value.is_finite())
 }
 
 #[cfg(test)]
@@ -260,5 +283,10 @@ mod tests {
             refusal(|config| config.neutral_joints_rad[2] = 4.0).contains("neutral_joints_rad")
         );
         assert!(refusal(|config| config.payload_kg = f64::NAN).contains("payload_kg"));
+        assert!(
+            refusal(|config| config.portal_mm = Some([90.0, 90.0, 300.0]))
+                .contains("portal_mm is refused: the portal is 127.3 mm from the axis")
+        );
+        assert!(refusal(|config| config.portal_axis = Some([0.0; 3])).contains("portal_axis"));
     }
 }

@@ -155,7 +155,9 @@ pub enum Error {
         limit_mm: f64,
     },
     /// A shaft that would lean too far from the portal's axis.
-    #[error("the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad")]
+    #[error(
+        "the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad"
+    )]
     Cone {
         /// Angle to the axis.
         lean_rad: f64,
@@ -176,6 +178,9 @@ pub enum Error {
         /// Why.
         detail: String,
     },
+    /// Poses that teach nothing sure.
+    #[error(transparent)]
+    Teaching(#[from] crate::teach::Refusal),
     /// The owner of the arm has ended.
     #[error("the service is shutting down")]
     Gone,
@@ -210,6 +215,7 @@ impl Error {
             Self::OutOfReach { .. } => "OUT_OF_REACH",
             Self::JointLimit { .. } | Self::JointJump { .. } => "JOINT_LIMIT",
             Self::RcmDeviation { .. } => "RCM_DEVIATION",
+            Self::Teaching(refusal) => refusal.reason(),
             Self::PortalInBase { .. } => "PORTAL_IN_BASE",
             Self::Cone { .. } => "CONE",
             Self::JointSpeed { .. } => "JOINT_SPEED",
@@ -278,6 +284,7 @@ impl Error {
                 ("jump_rad", jump_rad.to_string()),
                 ("limit_rad", limit_rad.to_string()),
             ],
+            Self::Teaching(refusal) => refusal.metadata(),
             Self::PortalInBase {
                 radius_mm,
                 limit_mm,

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use arthro_authority::{Operation, Outcome};
-use arthro_geometry::Point3;
 use tokio::sync::watch;
 use ur_link::{Command, State};
 
@@ -14,6 +13,7 @@ use crate::command::{Authorization, Commander, Progress};
 use crate::error::Error;
 use crate::kinematics::largest_difference;
 use crate::plan::{Move, Situation};
+use crate::rcm::Portal;
 use crate::supervisor::{Measured, Observation, Regime, Supervisor};
 
 /// Joints farther than this from where they were commanded are not at rest, rad.
@@ -26,7 +26,7 @@ pub struct Pilot {
     pub options: Arc<ArmOptions>,
     pub commander: Commander,
     supervisor: Supervisor,
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     activity: Activity,
     pub fault: Option<Fault>,
     /// The last state of this link.
@@ -77,7 +77,8 @@ impl Pilot {
     /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
     pub fn observe(&mut self, state: &State) {
         let measured = measured(state);
-        let seen = self.supervisor.observe(&measured, self.portal.as_ref());
+        let portal = self.portal.map(|portal| portal.point);
+        let seen = self.supervisor.observe(&measured, portal.as_ref());
         self.latest = Some((*state, seen));
         let regime = match &self.activity {
             Activity::Moving(motion) => motion.regime(),
@@ -221,7 +222,7 @@ impl Pilot {
         Ok((state, seen))
     }
 
-    fn set_portal(&mut self, portal: Point3) -> Result<(), Error> {
+    fn set_portal(&mut self, portal: Portal) -> Result<(), Error> {
         let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
         if !self.is_standing() {
             return Err(Error::Moving);

@@ -2,7 +2,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use arthro_authority::{OperationState, Outcome};
-use arthro_geometry::{Rotation, Vector3};
+use arthro_geometry::{Point3, Rotation, Vector3};
 use ur_link::{Command, ProgramState};
 
 use super::fake::{FakeRobot, PERIOD_S};
@@ -53,7 +53,7 @@ impl Cell {
             address: "fake:30004".to_owned(),
             arm: tool_arm(),
             limits: Limits::default(),
-            portal: set,
+            portal: set.map(Into::into),
             period_s: PERIOD_S,
             reconnect: Duration::from_millis(1),
         };

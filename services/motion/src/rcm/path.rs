@@ -100,8 +100,8 @@ impl RcmPath {
     pub fn pose(&self, s: f64) -> Rigid<Base, Tool> {
         let turned = self.turn.part(s);
         let direction = Unit::new_normalize(turned * self.from.direction.into_inner());
-        let rotation =
-            self.portal.unrolled(&direction) * about_shaft(self.from.roll_rad + self.roll_by_rad * s);
+        let rotation = self.portal.unrolled(&direction)
+            * about_shaft(self.from.roll_rad + self.roll_by_rad * s);
         let tip = self.portal.point.coords
             + rotation * Vector3::x() * self.depth_mm(s)
             + turned * self.offset * self.remaining(s);

@@ -38,14 +38,20 @@ fn check(law: &TimeLaw, limits: &RateLimits) -> Result<(), TestCaseError> {
     let mut before = law.rate(0.0);
     for step in 0..steps {
         let now = law.rate(f64::from(step) * h);
-        prop_assert!(now.speed.abs() <= limits.speed * (1.0 + 1e-6), "{now:?} {limits:?}");
+        prop_assert!(
+            now.speed.abs() <= limits.speed * (1.0 + 1e-6),
+            "{now:?} {limits:?}"
+        );
         prop_assert!(now.acceleration.abs() <= limits.acceleration * (1.0 + 1e-6) + 1e-9);
         prop_assert!(now.jerk.abs() <= limits.jerk * (1.0 + 1e-6));
         if step > 0 {
             let mean = 0.5 * (now.speed + before.speed);
             // The trapezium misses by the second derivative, which is at most the acceleration's change.
             let miss = limits.jerk * h.powi(3) / 2.0 + 1e-7;
-            prop_assert!((now.s - before.s - mean * h).abs() <= miss, "{now:?} {before:?}");
+            prop_assert!(
+                (now.s - before.s - mean * h).abs() <= miss,
+                "{now:?} {before:?}"
+            );
         }
         before = now;
     }

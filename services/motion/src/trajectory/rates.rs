@@ -69,7 +69,9 @@ impl Bounds {
 
     /// The largest share of any limit of this order that `values` take.
     fn share(&self, order: usize, values: &Sample) -> f64 {
-        let joints = values[..6].iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+        let joints = values[..6]
+            .iter()
+            .fold(0.0, |most: f64, v| most.max(v.abs()));
         let tip = Vector3::new(values[6], values[7], values[8]).norm();
         (joints / self.joint[order])
             .max(tip / self.tip[order])
@@ -141,7 +143,10 @@ impl Survey {
             law = TimeLaw::new(&limits)?;
         }
         let worst = self.judge(&law, bounds);
-        let by = worst[0].share.max(worst[1].share.sqrt()).max(worst[2].share.cbrt());
+        let by = worst[0]
+            .share
+            .max(worst[1].share.sqrt())
+            .max(worst[2].share.cbrt());
         if by <= 1.0 {
             return Ok(law);
         }
