@@ -2,7 +2,7 @@
 //! cycle. Every sample is verified by forward kinematics: the shaft passes the portal.
 
 use crate::error::Error;
-use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference, ur5};
+use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
 use crate::rcm::{Placement, RcmPath};
 use crate::time_law::{RateLimits, TimeLaw};
@@ -87,7 +87,7 @@ impl Trajectory {
             path,
             law,
             margins: Margins {
-                joint_limit_rad: ur5::limit_margin_rad(start),
+                joint_limit_rad: arm.limit_margin_rad(start),
                 rcm_at_samples_mm: 0.0,
                 rcm_between_samples_mm: 0.0,
                 joint_speed_rad_s: 0.0,
@@ -155,7 +155,9 @@ impl Trajectory {
             let middle_s = self.fraction(time_s - 0.5 * period_s);
             let middle = std::array::from_fn(|i| 0.5 * (joints[i] + before[i]));
             margins.joint_speed_rad_s = margins.joint_speed_rad_s.max(step_rad / period_s);
-            margins.joint_limit_rad = margins.joint_limit_rad.min(ur5::limit_margin_rad(&joints));
+            margins.joint_limit_rad = margins
+                .joint_limit_rad
+                .min(self.arm.limit_margin_rad(&joints));
             margins.rcm_at_samples_mm = margins.rcm_at_samples_mm.max(self.strays_mm(&joints, s));
             margins.rcm_between_samples_mm = margins
                 .rcm_between_samples_mm
