@@ -1,6 +1,6 @@
 //! The section `[motion]` of the configuration: two arms, where they are, what they carry, what they may.
 
-use std::f64::consts::FRAC_1_SQRT_2;
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use std::time::Duration;
 
 use arthro_geometry::nalgebra::{Quaternion, Unit, UnitQuaternion};
@@ -9,7 +9,10 @@ use serde::{Deserialize, Serialize};
 use ur_link::{Endpoint, Options};
 
 use crate::arm::ArmOptions;
-use crate::kinematics::{Joints, ToolArm, ur5};
+use crate::kinematics::dh::Dh;
+use crate::kinematics::joint_limits::JointLimits;
+use crate::kinematics::model::{Make, Model};
+use crate::kinematics::{Joints, ToolArm};
 use crate::limits::Limits;
 use crate::rcm::Portal;
 
@@ -50,6 +53,14 @@ pub struct ArmConfig {
     pub script_port: u16,
     /// Wall time between two attempts to connect, s.
     pub reconnect_s: f64,
+    /// Which arm it is.
+    pub model: Make,
+    /// The Denavit-Hartenberg table of this one arm, as its KINEMATICS_INFO has it; else the drawing's.
+    pub calibration: Option<Dh>,
+    /// The same as differences from the drawing, as the controller's calibration.conf has it.
+    pub calibration_deltas: Option<Dh>,
+    /// Least and largest angle of each joint, rad.
+    pub joint_limits_rad: [[f64; 2]; 6],
     /// How the tool is mounted.
     pub flange_from_tool: ToolMount,
     /// Mass at the flange, kg.
@@ -96,6 +107,10 @@ impl Default for ArmConfig {
             rtde_port: endpoint.rtde_port,
             script_port: endpoint.script_port,
             reconnect_s: 1.0,
+            model: Make::Ur5,
+            calibration: None,
+            calibration_deltas: None,
+            joint_limits_rad: travel(&JointLimits::default()),
             flange_from_tool: ToolMount::default(),
             payload_kg: 1.0,
             portal_mm: None,
@@ -104,6 +119,10 @@ impl Default for ArmConfig {
             limits: Limits::default(),
         }
     }
+}
+
+fn travel(limits: &JointLimits) -> [[f64; 2]; 6] {
+    std::array::from_fn(|i| [limits.min_rad[i], limits.max_rad[i]])
 }
 
 /// 310 mm of shaft along the flange's z.
@@ -176,11 +195,12 @@ impl ArmConfig {
             let fault = format!("is {} mm away; limit 2000 mm", translation.norm());
             return Err(wrong("flange_from_tool.translation_mm", fault));
         }
+        let model = self.check_model(&wrong)?;
         let finite = self
             .neutral_joints_rad
             .iter()
             .all(|joint| joint.is_finite());
-        if !finite || ur5::limit_margin_rad(&self.neutral_joints_rad) < 0.0 {
+        if !finite || model.limit_margin_rad(&self.neutral_joints_rad) < 0.0 {
             return Err(wrong(
                 "neutral_joints_rad",
                 "is beyond the joint limits".to_owned(),
@@ -195,7 +215,7 @@ impl ArmConfig {
             options: ArmOptions {
                 name,
                 address: format!("{}:{}", self.host, self.rtde_port),
-                arm: ToolArm::new(flange_from_tool),
+                arm: ToolArm::new(model, flange_from_tool),
                 limits: self.limits.clone(),
                 portal,
                 period_s: 1.0 / FREQUENCY_HZ,
@@ -224,6 +244,36 @@ impl ArmConfig {
         portal
             .map(Some)
             .map_err(|error| ("portal_mm", format!("is refused: {error}")))
+    }
+
+    /// The arm by its drawing, or by its calibration if that is one of this arm.
+    fn check_model(
+        &self,
+        wrong: &impl Fn(&str, String) -> ConfigError,
+    ) -> Result<Model, ConfigError> {
+        for (joint, [min, max]) in self.joint_limits_rad.iter().enumerate() {
+            let sound = (-TAU..TAU).contains(min) && (*min..=TAU).contains(max) && min < max;
+            if !sound {
+                let fault = format!("is {min} .. {max}; must rise within {} .. {TAU}", -TAU);
+                return Err(wrong(&format!("joint_limits_rad[{}]", joint + 1), fault));
+            }
+        }
+        let model = Model::from(self.model).with_limits(JointLimits {
+            min_rad: self.joint_limits_rad.map(|[min, _]| min),
+            max_rad: self.joint_limits_rad.map(|[_, max]| max),
+        });
+        let (field, dh) = match (&self.calibration, &self.calibration_deltas) {
+            (None, None) => return Ok(model),
+            (Some(dh), None) => ("calibration", *dh),
+            (None, Some(deltas)) => ("calibration_deltas", model.dh().plus(deltas)),
+            (Some(_), Some(_)) => {
+                let fault = "is given beside calibration; must be one of them".to_owned();
+                return Err(wrong("calibration_deltas", fault));
+            }
+        };
+        model
+            .calibrated(&dh)
+            .map_err(|error| wrong(field, error.to_string()))
     }
 
     fn link(&self, tip_mm: &Vector3, rotation: &Vector3) -> Options {
@@ -288,5 +338,48 @@ mod tests {
                 .contains("portal_mm is refused: the portal is 127.3 mm from the axis")
         );
         assert!(refusal(|config| config.portal_axis = Some([0.0; 3])).contains("portal_axis"));
+        assert!(
+            refusal(|config| config.joint_limits_rad[3] = [1.0, f64::NAN])
+                .contains("joint_limits_rad[4] is 1 .. NaN")
+        );
+    }
+
+    #[test]
+    fn a_calibration_is_taken_in_or_refused() {
+        let mut config = ArmConfig {
+            model: Make::Ur5e,
+            ..ArmConfig::default()
+        };
+        let drawn = Dh::nominal(&Make::Ur5e.links());
+        let mut deltas = drawn.plus(&drawn);
+        for column in [
+            &mut deltas.theta_rad,
+            &mut deltas.a_mm,
+            &mut deltas.d_mm,
+            &mut deltas.alpha_rad,
+        ] {
+            *column = [1e-3; 6];
+        }
+        config.calibration_deltas = Some(deltas);
+        let setup = config.check("forceps").unwrap();
+        assert_eq!(setup.options.arm.model().dh(), drawn.plus(&deltas));
+        config.calibration = Some(drawn);
+        let refusal = config.check("forceps").unwrap_err().to_string();
+        assert!(
+            refusal.contains("calibration_deltas is given beside"),
+            "{refusal}"
+        );
+        config.calibration_deltas = None;
+        // Metres where millimetres are due, and the table of the other make.
+        let metres = Dh {
+            a_mm: drawn.a_mm.map(|a| a * 1e-3),
+            d_mm: drawn.d_mm.map(|d| d * 1e-3),
+            ..drawn
+        };
+        for wrong in [metres, Dh::nominal(&Make::Ur5.links())] {
+            config.calibration = Some(wrong);
+            let refusal = config.check("forceps").unwrap_err().to_string();
+            assert!(refusal.contains("calibration puts the flange"), "{refusal}");
+        }
     }
 }

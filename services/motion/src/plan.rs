@@ -7,7 +7,7 @@ use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Point3, Rigid, Vector3};
 
 use crate::error::Error;
-use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference, ur5};
+use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
 use crate::rcm::{Placement, Portal};
 use crate::supervisor::{Observation, Regime};
@@ -214,7 +214,7 @@ impl Situation<'_> {
 
     fn plan_joints(&self, end: &Joints, speed_rad_s: Option<f64>) -> Result<Plan, Error> {
         self.must_be_outside()?;
-        if ur5::limit_margin_rad(end) < 0.0 {
+        if self.arm.limit_margin_rad(end) < 0.0 {
             return Err(Error::JointLimit { percent: 100.0 });
         }
         let (_, turn_rad) = largest_difference(end, self.joints_rad);

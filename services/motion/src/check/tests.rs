@@ -5,10 +5,13 @@ use arthro_geometry::{Rotation, Vector3};
 use super::*;
 
 fn dry_run() -> DryRun {
-    let arm = ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ));
+    let arm = ToolArm::new(
+        crate::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    );
     DryRun {
         arm,
         limits: Limits::default(),

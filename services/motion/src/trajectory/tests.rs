@@ -12,10 +12,13 @@ const PERIOD_S: f64 = 0.008;
 const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
 fn arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        crate::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 const FULL: Speeds = Speeds {
