@@ -278,10 +278,13 @@ mod tests {
     use super::*;
 
     fn arm() -> ToolArm {
-        ToolArm::new(Rigid::new(
-            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-            Vector3::new(0.0, 0.0, 310.0),
-        ))
+        ToolArm::new(
+            crate::kinematics::model::Model::ur5(),
+            Rigid::new(
+                Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+                Vector3::new(0.0, 0.0, 310.0),
+            ),
+        )
     }
 
     fn bodies(joints: &Joints) -> Bodies {

@@ -196,6 +196,9 @@ pub enum Error {
         /// Why.
         detail: String,
     },
+    /// Poses that teach nothing sure.
+    #[error(transparent)]
+    Teaching(#[from] crate::teach::Refusal),
     /// The owner of the arm has ended.
     #[error("the service is shutting down")]
     Gone,
@@ -232,6 +235,7 @@ impl Error {
             Self::OutOfReach { .. } => "OUT_OF_REACH",
             Self::JointLimit { .. } | Self::JointJump { .. } => "JOINT_LIMIT",
             Self::RcmDeviation { .. } => "RCM_DEVIATION",
+            Self::Teaching(refusal) => refusal.reason(),
             Self::PortalInBase { .. } => "PORTAL_IN_BASE",
             Self::Cone { .. } => "CONE",
             Self::JointSpeed { .. } => "JOINT_SPEED",
@@ -300,6 +304,7 @@ impl Error {
                 ("jump_rad", jump_rad.to_string()),
                 ("limit_rad", limit_rad.to_string()),
             ],
+            Self::Teaching(refusal) => refusal.metadata(),
             Self::PortalInBase {
                 radius_mm,
                 limit_mm,

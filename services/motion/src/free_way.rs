@@ -175,10 +175,13 @@ mod tests {
     const PERIOD_S: f64 = 0.008;
 
     fn arm() -> ToolArm {
-        ToolArm::new(Rigid::new(
-            Rotation::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2),
-            Vector3::new(0.0, 0.0, 310.0),
-        ))
+        ToolArm::new(
+            crate::kinematics::model::Model::ur5(),
+            Rigid::new(
+                Rotation::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2),
+                Vector3::new(0.0, 0.0, 310.0),
+            ),
+        )
     }
 
     fn samples(way: &FreeWay) -> Vec<Joints> {

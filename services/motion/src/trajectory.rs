@@ -3,11 +3,12 @@
 
 mod margins;
 pub mod rates;
+pub mod straight;
 
 pub use self::margins::Margins;
 use self::rates::{Bounds, JUMP_RAD, Survey};
 use crate::error::Error;
-use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference, ur5};
+use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
 use crate::rcm::{Placement, RcmPath};
 use crate::time_law::TimeLaw;
@@ -70,12 +71,7 @@ impl Trajectory {
             arm,
             path,
             law,
-            margins: Margins {
-                joint_limit_rad: ur5::limit_margin_rad(start),
-                rcm_at_samples_mm: 0.0,
-                rcm_between_samples_mm: 0.0,
-                joint_speed_rad_s: 0.0,
-            },
+            margins: Margins::at(&arm, start),
             end: *start,
         };
         (trajectory.margins, trajectory.end) = trajectory.walk(start, period_s)?;
@@ -145,12 +141,11 @@ impl Trajectory {
             }
             let middle_s = self.fraction(time_s - 0.5 * period_s);
             let middle = std::array::from_fn(|i| 0.5 * (joints[i] + before[i]));
-            margins.joint_speed_rad_s = margins.joint_speed_rad_s.max(step_rad / period_s);
-            margins.joint_limit_rad = margins.joint_limit_rad.min(ur5::limit_margin_rad(&joints));
-            margins.rcm_at_samples_mm = margins.rcm_at_samples_mm.max(self.strays_mm(&joints, s));
-            margins.rcm_between_samples_mm = margins
-                .rcm_between_samples_mm
-                .max(self.strays_mm(&middle, middle_s));
+            let mut here = Margins::at(&self.arm, &joints);
+            here.joint_speed_rad_s = step_rad / period_s;
+            here.rcm_at_samples_mm = self.strays_mm(&joints, s);
+            here.rcm_between_samples_mm = self.strays_mm(&middle, middle_s);
+            margins = margins.worst(&here);
             before = joints;
         }
         if margins.rcm_between_samples_mm > RCM_BETWEEN_SAMPLES_MM {
@@ -172,12 +167,17 @@ impl Trajectory {
 
 /// The joints at `s` of a path.
 pub fn reach(arm: &ToolArm, path: &RcmPath, s: f64, before: &Joints) -> Result<Joints, Error> {
-    let percent = 100.0 * s;
     arm.joints(&path.pose(s), before)
-        .map_err(|unreachable| match unreachable {
-            Unreachable::OutOfReach => Error::OutOfReach { percent },
-            Unreachable::JointLimit => Error::JointLimit { percent },
-        })
+        .map_err(|unreachable| unreachable_at(unreachable, s))
+}
+
+/// The refusal of a pose at `s` of a path.
+pub fn unreachable_at(unreachable: Unreachable, s: f64) -> Error {
+    let percent = 100.0 * s;
+    match unreachable {
+        Unreachable::OutOfReach => Error::OutOfReach { percent },
+        Unreachable::JointLimit => Error::JointLimit { percent },
+    }
 }
 
 /// The refusal of a jump of the joint with this index.

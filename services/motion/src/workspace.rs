@@ -146,10 +146,13 @@ mod tests {
     }
 
     fn room(plane: Plane) -> (f64, &'static str) {
-        let arm = ToolArm::new(Rigid::new(
-            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-            Vector3::new(0.0, 0.0, 310.0),
-        ));
+        let arm = ToolArm::new(
+            crate::kinematics::model::Model::ur5(),
+            Rigid::new(
+                Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+                Vector3::new(0.0, 0.0, 310.0),
+            ),
+        );
         let pose = arm.base_from_tool(&JOINTS);
         let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
         let bodies = shape.bodies(&JOINTS, &pose);
@@ -211,7 +214,7 @@ mod tests {
     }
 
     fn bodies_at_origin() -> Bodies {
-        let arm = ToolArm::new(Rigid::identity());
+        let arm = ToolArm::new(crate::kinematics::model::Model::ur5(), Rigid::identity());
         let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
         shape.bodies(&JOINTS, &Rigid::identity())
     }

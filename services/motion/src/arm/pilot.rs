@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use arthro_authority::{Operation, Outcome};
-use arthro_geometry::Point3;
 use tokio::sync::watch;
 use ur_link::{Command, RuntimeState, State};
 
@@ -14,6 +13,7 @@ use crate::command::{Authorization, Commander, Progress};
 use crate::error::{Error, link_reason};
 use crate::kinematics::largest_difference;
 use crate::plan::{Move, Situation};
+use crate::rcm::Portal;
 use crate::supervisor::{Measured, Observation, Regime, Supervisor};
 
 /// Joints farther than this from where they were commanded are not at rest, rad.
@@ -30,7 +30,7 @@ pub struct Pilot {
     pub options: Arc<ArmOptions>,
     pub commander: Commander,
     supervisor: Supervisor,
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     activity: Activity,
     pub fault: Option<Fault>,
     /// The last state of this link.
@@ -103,7 +103,8 @@ impl Pilot {
     /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
     pub fn observe(&mut self, state: &State) {
         let measured = measured(state);
-        let seen = self.supervisor.observe(&measured, self.portal.as_ref());
+        let portal = self.portal.map(|portal| portal.point);
+        let seen = self.supervisor.observe(&measured, portal.as_ref());
         self.latest = Some((*state, seen));
         self.count_missed(seen.gap_s);
         let regime = match &self.activity {
@@ -293,7 +294,7 @@ impl Pilot {
         Ok((state, seen))
     }
 
-    fn set_portal(&mut self, portal: Point3) -> Result<(), Error> {
+    fn set_portal(&mut self, portal: Portal) -> Result<(), Error> {
         let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
         if !self.is_standing() {
             return Err(Error::Moving);

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use arthro_authority::{OperationState, Outcome};
-use arthro_geometry::{Rotation, Vector3};
+use arthro_geometry::{Point3, Rotation, Vector3};
 use ur_link::{Command, ProgramState, RuntimeState};
 
 use super::fake::{FakeRobot, PERIOD_S};
@@ -26,10 +26,13 @@ struct Cell {
 }
 
 fn tool_arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        crate::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 impl Cell {
@@ -55,7 +58,7 @@ impl Cell {
             address: "fake:30004".to_owned(),
             arm: tool_arm(),
             limits: Limits::default(),
-            portal: set,
+            portal: set.map(Into::into),
             period_s: PERIOD_S,
             silence: Duration::from_millis(100),
             reconnect: Duration::from_millis(1),

@@ -71,3 +71,6 @@ impl Formula {
         Some(Turn::between(x1, &led).part(1.0))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -29,6 +29,17 @@ impl Straight {
         )
     }
 
+    /// Of the tip's way, mm.
+    pub fn length_mm(&self) -> f64 {
+        (self.to.origin() - self.from.origin()).norm()
+    }
+
+    /// The whole turn, rad.
+    pub fn turn_rad(&self) -> f64 {
+        let (from, to) = (self.from.rotation(), self.to.rotation());
+        from.angle_to(&to)
+    }
+
     /// Largest distance of the shaft to the portal at `steps` + 1 places along it, mm.
     pub fn deviation_mm(&self, portal: &Point3, steps: u32) -> f64 {
         (0..=steps)

@@ -10,10 +10,13 @@ const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 const PERIOD_S: f64 = 0.008;
 
 fn arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        crate::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 /// A pivot of the shaft, tip 20 mm in front of the portal.
@@ -26,7 +29,7 @@ fn pivot(angle_rad: f64) -> Motion {
         arm: &arm(),
         limits: &Limits::default(),
         period_s: PERIOD_S,
-        portal: Some(portal),
+        portal: Some(portal.into()),
         joints_rad: &START,
         seen: &Observation {
             placement: Some(Placement::of(&pose, &portal)),
