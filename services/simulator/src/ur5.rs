@@ -23,7 +23,7 @@ mod urscript;
 use nalgebra::Isometry3;
 use ur_link::{RobotMode, RuntimeState, SafetyMode, rtde::wire::Value};
 
-pub use config::Config;
+pub use config::{Config, ScriptNetwork};
 pub use outputs::Output;
 pub use registers::Input;
 pub use robot::Message;
@@ -146,8 +146,14 @@ impl Controller {
     /// # Errors
     /// Text that is no program (also reported to the clients, as the real controller does), or an arm that may not move.
     pub fn load_program(&mut self, text: &str) -> Result<(), ScriptError> {
-        let outcome = urscript::compile(text).and_then(|program| {
-            let refused = |text: String| Err(ScriptError { line: 0, text });
+        let outcome = urscript::compile(text, self.robot.config.version).and_then(|program| {
+            let refused = |text: String| {
+                Err(ScriptError {
+                    line: 0,
+                    column: 0,
+                    text,
+                })
+            };
             if program.secondary {
                 if self.secondaries.len() >= MAX_SECONDARIES {
                     return refused(format!("more than {MAX_SECONDARIES} secondary programs"));
@@ -231,7 +237,7 @@ impl Controller {
 fn exception(error: &ScriptError) -> Message {
     Message::RuntimeException {
         line: error.line as i32,
-        column: 1,
+        column: error.column as i32,
         text: error.text.clone(),
     }
 }

@@ -27,7 +27,10 @@ impl Controller {
                 }
             }
             "close safety popup" => "closing safety popup".to_owned(),
-            "close popup" => "closing popup".to_owned(),
+            "close popup" => {
+                self.robot.popup_open = false;
+                "closing popup".to_owned()
+            }
             "restart safety" => {
                 self.end_program();
                 self.robot.power_off();

@@ -5,6 +5,7 @@
 //! real time.
 
 mod dashboard;
+mod network;
 mod outlet;
 mod rtde;
 mod script;
@@ -136,6 +137,11 @@ pub async fn serve(controller: Shared, options: ServerOptions) -> io::Result<Ser
         realtime: realtime.local_addr()?,
         rtde: rtde.local_addr()?,
     };
+    {
+        let mut controller = lock(&controller);
+        let reach = controller.robot.config.script_network;
+        controller.robot.network = Arc::new(network::Tcp::new(reach));
+    }
     let rtde_hub = Arc::new(rtde::Hub::new(unanswered_frames));
     let script_hub = Arc::new(script::Hub::default());
     let mut tasks = JoinSet::new();

@@ -1,10 +1,14 @@
 use proptest::prelude::*;
 
-use super::{Ending, Machine, compile};
+use super::{Ending, Machine};
 use crate::ur5::{
-    Config,
+    Config, Series,
     robot::{Message, Robot},
 };
+
+fn compile(text: &str) -> Result<super::Program, super::Error> {
+    super::compile(text, Series::Cb3.default_version())
+}
 
 /// Runs a program for at most so many cycles of a robot that stands ready.
 struct Run {
@@ -167,7 +171,8 @@ fn threads_run_side_by_side_and_can_be_killed_and_joined() {
 }
 
 #[test]
-fn a_critical_section_keeps_other_threads_out() {
+fn a_critical_section_is_not_interrupted_by_other_threads() {
+    // More work than one cycle has room for.
     let lines = "
       global count = 0
       thread counter():
@@ -180,12 +185,38 @@ fn a_critical_section_keeps_other_threads_out() {
       sync()
       enter_critical
       before = count
-      sleep(0.1)
+      i = 0
+      while i < 3000:
+        i = i + 1
+      end
       textmsg(count - before)
       exit_critical
-      sleep(0.1)
+      i = 0
+      while i < 3000:
+        i = i + 1
+      end
       textmsg(count > before)";
     assert_eq!(say(lines), ["0", "True"]);
+}
+
+#[test]
+fn what_waits_in_a_critical_section_lets_others_run_meanwhile() {
+    let lines = "
+      global count = 0
+      thread counter():
+        while True:
+          enter_critical
+          count = count + 1
+          sync()
+          exit_critical
+        end
+      end
+      h = run counter()
+      enter_critical
+      sleep(0.1)
+      textmsg(count > 5)
+      exit_critical";
+    assert_eq!(say(lines), ["True"]);
 }
 
 #[test]
