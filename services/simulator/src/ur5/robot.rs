@@ -10,7 +10,7 @@ use super::{
     Config,
     joints::Drives,
     kinematics::{self, Dh, Joints},
-    motion::{self, Blend, Motion, Progress, Target},
+    motion::{self, Blend, Chase, Motion, Progress, Target},
     power::Power,
     registers::{Bank, Input, Outputs},
     urscript::{Isolated, Network},
@@ -209,8 +209,32 @@ impl Robot {
         twist.into()
     }
 
+    /// `servoc` from how the tool moves now.
+    pub fn chase(&self, goal: Isometry3<f64>, speed: f64, accel: f64) -> Motion {
+        let tool = self.dh.flange(&self.target.q) * self.flange_from_tool;
+        let chase = match &self.motion {
+            Motion::Chase(chase) => chase.towards(tool, goal, speed, accel),
+            _ => {
+                let twist = self.tool_speed(&self.target.q, &self.target.qd).into();
+                Chase::new(tool, twist, goal, speed, accel)
+            }
+        };
+        Motion::Chase(Box::new(chase))
+    }
+
     /// `speedl` or `stopl` from how the tool moves now.
     pub fn tool_motion(&self, speed: nalgebra::Vector6<f64>, accel: f64) -> Motion {
+        // Of a motion that goes on, the twist is known better than from its last way.
+        if let Motion::ToolSpeed { twist, .. } = &self.motion {
+            let pose = self.dh.flange(&self.target.q) * self.flange_from_tool;
+            let twist = *twist;
+            return Motion::ToolSpeed {
+                pose,
+                twist,
+                speed,
+                accel,
+            };
+        }
         let (step_s, tool) = (self.step_s(), &self.flange_from_tool);
         Motion::tool_speed(&self.dh, &self.target, step_s, tool, speed, accel)
     }
@@ -310,11 +334,6 @@ impl Robot {
             || self.tool_pose(&self.target.q),
             |goal| kinematics::to_pose(&goal),
         )
-    }
-
-    /// Twist of the commanded tool in base axes.
-    pub fn target_twist(&self) -> nalgebra::Vector6<f64> {
-        self.tool_speed(&self.target.q, &self.target.qd).into()
     }
 
     /// The motion of this ticket has reached its goal, or another has replaced it.

@@ -33,6 +33,17 @@ impl Chase {
         }
     }
 
+    /// The same tool, which is at `pose` now, on its way to another goal.
+    pub fn towards(
+        &self,
+        pose: Isometry3<f64>,
+        goal: Isometry3<f64>,
+        speed: f64,
+        accel: f64,
+    ) -> Self {
+        Self::new(pose, self.twist, goal, speed, accel)
+    }
+
     /// The pose after `dt` s of path time, and whether that is the goal.
     pub fn advance(&mut self, dt: f64, dt_real: f64) -> (Isometry3<f64>, bool) {
         let rest = kinematics::twist_between(&self.pose, &self.goal);

@@ -18,20 +18,107 @@ const OWN: &str = include_str!("../../../../drivers/ur/src/program/link.script")
 
 /// What the grammar is made of, whole and in pieces.
 const TOKENS: &[&str] = &[
-    "def", "end", "thread", "sec", "if", "elif", "else", "while", "break", "continue", "return",
-    "run", "kill", "join", "global", "local", "and", "or", "xor", "not", "True", "False", "None",
-    "enter_critical", "exit_critical", "halt", "(", ")", "[", "]", ",", ":", ".", "=", "==", "!=",
-    "<", ">=", "+", "-", "*", "/", "%", "p[", "\n", "\n", "\n", ";", "#", "$", "\"", "a", "b", "c",
-    "f()", "0", "1", "2.5", "1e308", "2147483647", "4294967296", "\"text\"", "struct(a=1)",
-    "[1, 2, 3]", "p[0, 0, 0, 0, 0, 0]", "append", "pop", "@", "é", "\u{0}",
+    "def",
+    "end",
+    "thread",
+    "sec",
+    "if",
+    "elif",
+    "else",
+    "while",
+    "break",
+    "continue",
+    "return",
+    "run",
+    "kill",
+    "join",
+    "global",
+    "local",
+    "and",
+    "or",
+    "xor",
+    "not",
+    "True",
+    "False",
+    "None",
+    "enter_critical",
+    "exit_critical",
+    "halt",
+    "(",
+    ")",
+    "[",
+    "]",
+    ",",
+    ":",
+    ".",
+    "=",
+    "==",
+    "!=",
+    "<",
+    ">=",
+    "+",
+    "-",
+    "*",
+    "/",
+    "%",
+    "p[",
+    "\n",
+    "\n",
+    "\n",
+    ";",
+    "#",
+    "$",
+    "\"",
+    "a",
+    "b",
+    "c",
+    "f()",
+    "0",
+    "1",
+    "2.5",
+    "1e308",
+    "2147483647",
+    "4294967296",
+    "\"text\"",
+    "struct(a=1)",
+    "[1, 2, 3]",
+    "p[0, 0, 0, 0, 0, 0]",
+    "append",
+    "pop",
+    "@",
+    "é",
+    "\u{0}",
 ];
 
 /// Literals that go wrong most easily.
 const VALUES: &[&str] = &[
-    "0", "1", "-1", "2147483647", "-2147483648", "0.0", "1e308", "1e-308", "3.5", "True", "False",
-    "\"\"", "\"abc\"", "[]", "[1, 2, 3, 4, 5, 6]", "[0, 0, 0, 0, 0, 0]", "[[1, 2], [3, 4]]",
-    "[0.1, -1.5, 1.2, -1.0, -1.5, 0.3]", "p[0.4, 0.1, 0.3, 0, 3.1, 0]", "p[0, 0, 0, 0, 0, 0]",
-    "struct(a=1, b=[2, 3])", "a", "b", "c", "a[0]", "b.a", "[\"x\", 1]",
+    "0",
+    "1",
+    "-1",
+    "2147483647",
+    "-2147483648",
+    "0.0",
+    "1e308",
+    "1e-308",
+    "3.5",
+    "True",
+    "False",
+    "\"\"",
+    "\"abc\"",
+    "[]",
+    "[1, 2, 3, 4, 5, 6]",
+    "[0, 0, 0, 0, 0, 0]",
+    "[[1, 2], [3, 4]]",
+    "[0.1, -1.5, 1.2, -1.0, -1.5, 0.3]",
+    "p[0.4, 0.1, 0.3, 0, 3.1, 0]",
+    "p[0, 0, 0, 0, 0, 0]",
+    "struct(a=1, b=[2, 3])",
+    "a",
+    "b",
+    "c",
+    "a[0]",
+    "b.a",
+    "[\"x\", 1]",
 ];
 
 struct Fuzz {
@@ -69,11 +156,16 @@ impl Fuzz {
 
     /// Some lines of a real program, in a frame that lets them compile, with a few edits.
     fn damaged(&mut self) -> String {
-        let script = self.scripts.choose(&mut self.rng).cloned().unwrap_or_default();
+        let script = self
+            .scripts
+            .choose(&mut self.rng)
+            .cloned()
+            .unwrap_or_default();
         let lines: Vec<&str> = script.lines().collect();
         let from = self.rng.random_range(0..lines.len().max(1));
         let window = lines.iter().skip(from).take(WINDOW).copied();
-        let mut bytes = format!("def a():\n{}\nend\n", window.collect::<Vec<_>>().join("\n")).into_bytes();
+        let mut bytes =
+            format!("def a():\n{}\nend\n", window.collect::<Vec<_>>().join("\n")).into_bytes();
         for _ in 0..self.rng.random_range(0..4) {
             let at = self.rng.random_range(0..=bytes.len());
             let to = (at + self.rng.random_range(0..20)).min(bytes.len());
@@ -122,7 +214,11 @@ impl Fuzz {
                 }
                 2 => text.push_str("run t()\n"),
                 3 => text.push_str(self.pick(&[
-                    "enter_critical\n", "exit_critical\n", "sync()\n", "kill a\n", "join a\n",
+                    "enter_critical\n",
+                    "exit_critical\n",
+                    "sync()\n",
+                    "kill a\n",
+                    "join a\n",
                 ])),
                 4 => text.push_str(&format!(
                     "b.{}({})\n",
@@ -185,7 +281,11 @@ fn no_input_panics_or_outgrows_its_bounds() {
         let units = upload.feed(input.as_bytes()).unwrap();
         let rest = upload.finish();
         for text in units.iter().chain(&rest).take(4) {
-            let series = if number % 2 == 0 { Series::Cb3 } else { Series::E };
+            let series = if number % 2 == 0 {
+                Series::Cb3
+            } else {
+                Series::E
+            };
             let mut config = Config::of(series);
             config.powered = true;
             let Ok(program) = compile(text, "5.25.1".parse().unwrap()) else {
@@ -200,7 +300,10 @@ fn no_input_panics_or_outgrows_its_bounds() {
                     break;
                 }
                 robot.advance();
-                assert!(robot.target.q.iter().all(|joint| joint.is_finite()), "{text}");
+                assert!(
+                    robot.target.q.iter().all(|joint| joint.is_finite()),
+                    "{text}"
+                );
             }
         }
     }

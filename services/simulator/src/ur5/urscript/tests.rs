@@ -1,3 +1,7 @@
+mod language;
+mod movement;
+mod sockets;
+
 use proptest::prelude::*;
 
 use super::{Ending, Machine};
@@ -18,10 +22,17 @@ struct Run {
 
 impl Run {
     fn of(text: &str, cycles: usize) -> Self {
-        let program = compile(text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        Self::on(text, cycles, Series::Cb3, "3.15.8")
+    }
+
+    fn on(text: &str, cycles: usize, series: Series, version: &str) -> Self {
+        let version = version.parse().unwrap();
+        let program =
+            super::compile(text, version).unwrap_or_else(|error| panic!("{error}\n{text}"));
         let mut robot = Robot::new(Config {
             powered: true,
-            ..Config::default()
+            version,
+            ..Config::of(series)
         });
         let mut machine = Machine::new(program, &mut robot);
         let mut ending = None;
@@ -47,7 +58,12 @@ impl Run {
 
 /// What a program of these lines says.
 fn say(lines: &str) -> Vec<String> {
-    let run = Run::of(&format!("def test():\n{lines}\nend\n"), 1000);
+    said_by(lines, Series::Cb3, "3.15.8")
+}
+
+fn said_by(lines: &str, series: Series, version: &str) -> Vec<String> {
+    let text = format!("def test():\n{lines}\nend\n");
+    let run = Run::on(&text, 1000, series, version);
     assert_eq!(run.ending, Some(Ending::Finished), "{lines}");
     run.said()
 }

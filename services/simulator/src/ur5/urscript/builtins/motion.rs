@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 use super::{Args, Builtin, Context, Outcome, Param, nothing, number, optional, required};
 use crate::ur5::{
     kinematics::{self, Joints},
-    motion::{Arc, Chase, Motion, Orientation},
+    motion::{Arc, Motion, Orientation},
     robot::Robot,
     urscript::{interpreter::Wait, value::Value},
 };
@@ -128,15 +128,8 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         call: |context, args| {
             let goal = pose_of(context, args, 0)?;
             let (accel, speed) = (args.positive(1)?, args.positive(2)?);
-            let robot = &context.robot;
-            let chase = Chase::new(
-                tool(robot, &robot.target.q),
-                robot.target_twist(),
-                goal,
-                speed,
-                accel,
-            );
-            begin(context, Motion::Chase(Box::new(chase)))?;
+            let chase = context.robot.chase(goal, speed, accel);
+            begin(context, chase)?;
             Ok(Outcome::Wait(Wait::Cycle))
         },
     },
