@@ -36,6 +36,9 @@ impl Served {
             secondary_port: 0,
             realtime_port: 0,
             rtde_port: 0,
+            primary_read_only_port: 0,
+            secondary_read_only_port: 0,
+            realtime_read_only_port: 0,
             ..ArmConfig::default()
         };
         let config = Config {

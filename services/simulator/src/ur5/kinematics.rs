@@ -115,7 +115,7 @@ impl Dh {
         (error.norm() < IK_TOLERANCE * 10.0).then_some(joints)
     }
 
-    fn link(&self, joint: usize, angle_rad: f64) -> Isometry3<f64> {
+    pub(super) fn link(&self, joint: usize, angle_rad: f64) -> Isometry3<f64> {
         let turned =
             Rotation3::from_axis_angle(&Vector3::z_axis(), angle_rad + self.theta_rad[joint]);
         let offset =

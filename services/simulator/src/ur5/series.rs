@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::kinematics::{Dh, UR5, UR5E};
 
 /// Generation of controller and arm.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Series {
     /// CB3 with a UR5: software 3.x, 125 cycles a second.
@@ -56,6 +56,15 @@ impl Series {
             Self::Cb3 => UR5,
             Self::E => UR5E,
         }
+    }
+}
+
+impl fmt::Display for Series {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cb3 => "cb3",
+            Self::E => "e",
+        })
     }
 }
 

@@ -1,4 +1,6 @@
 mod loopback;
+mod modes;
+mod wires;
 
 use ur_link::{RobotMode, RuntimeState, SafetyMode};
 

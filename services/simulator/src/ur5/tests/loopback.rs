@@ -22,7 +22,7 @@ use crate::ur5::{
 };
 
 /// A served controller whose clock runs as fast as its clients answer.
-struct Cell {
+pub(super) struct Cell {
     controller: Shared,
     addresses: Addresses,
     paused: Arc<AtomicBool>,
@@ -30,7 +30,7 @@ struct Cell {
 }
 
 impl Cell {
-    async fn start(config: Config) -> Self {
+    pub(super) async fn start(config: Config) -> Self {
         let controller: Shared = Arc::new(Mutex::new(Controller::new(config)));
         let options = ServerOptions {
             ports: Ports::FREE,
@@ -58,6 +58,10 @@ impl Cell {
             paused,
             clock,
         }
+    }
+
+    pub(super) fn addresses(&self) -> Addresses {
+        self.addresses
     }
 
     fn options(&self) -> Options {
@@ -363,7 +367,7 @@ async fn script_interfaces_send_their_packets_and_take_programs() {
     })
     .await;
     let mut realtime = TcpStream::connect(cell.addresses.realtime).await.unwrap();
-    assert_eq!(realtime.read_i32().await.unwrap(), 1108);
+    assert_eq!(realtime.read_i32().await.unwrap(), 1116);
     let mut primary = TcpStream::connect(cell.addresses.primary).await.unwrap();
     let size = primary.read_i32().await.unwrap();
     assert_eq!(primary.read_u8().await.unwrap(), 20);

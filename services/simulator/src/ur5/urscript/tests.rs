@@ -31,7 +31,7 @@ impl Run {
             super::compile(text, version).unwrap_or_else(|error| panic!("{error}\n{text}"));
         let mut robot = Robot::new(Config {
             powered: true,
-            version,
+            version: Some(version),
             ..Config::of(series)
         });
         let mut machine = Machine::new(program, &mut robot);

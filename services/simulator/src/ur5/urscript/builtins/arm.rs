@@ -1,7 +1,7 @@
 //! What the arm knows about itself.
 
 use super::{Builtin, Param, flag, float, number, required, value};
-use crate::ur5::{kinematics, outputs::JOINT_TEMPERATURE_C, urscript::value::Value};
+use crate::ur5::{kinematics, measurements::JOINT_TEMPERATURE_C, urscript::value::Value};
 
 const NONE: &[Param] = &[];
 

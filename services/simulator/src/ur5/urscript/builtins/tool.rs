@@ -138,17 +138,23 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
     Builtin {
         name: "get_tcp_force",
         params: NONE,
-        call: |_, _| value(Value::floats(&[0.0; 6])),
+        call: |context, _| value(Value::floats(&context.robot.wrench())),
     },
     Builtin {
         name: "force",
         params: NONE,
-        call: |_, _| float(0.0),
+        call: |context, _| {
+            let [x, y, z, ..] = context.robot.wrench();
+            float(x.hypot(y).hypot(z))
+        },
     },
     Builtin {
         name: "get_joint_torques",
         params: NONE,
-        call: |_, _| value(Value::floats(&[0.0; 6])),
+        call: |context, _| {
+            let drives = &context.robot.drives;
+            value(Value::floats(&drives.torque_nm(&drives.qd, &drives.qdd)))
+        },
     },
     // 0 steps back: no contact.
     Builtin {

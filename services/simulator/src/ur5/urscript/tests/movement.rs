@@ -14,7 +14,7 @@ fn track(lines: &str) -> (Vec<Joints>, Run) {
         powered: true,
         ..Config::default()
     };
-    let program = compile(&format!("def test():\n{lines}\nend"), config.version).unwrap();
+    let program = compile(&format!("def test():\n{lines}\nend"), config.software()).unwrap();
     let mut robot = Robot::new(config);
     let mut machine = Machine::new(program, &mut robot);
     let mut poses = vec![robot.tool_pose(&robot.target.q)];

@@ -68,7 +68,7 @@ impl Talk {
             ..Config::default()
         };
         let text = format!("def test():\n{lines}\nend");
-        let program = compile(&text, config.version).unwrap();
+        let program = compile(&text, config.software()).unwrap();
         let mut robot = Robot::new(config);
         robot.network = Arc::new(peer.clone());
         let machine = Machine::new(program, &mut robot);
