@@ -182,7 +182,10 @@ impl Controller {
             "load" => Some(format!("File not found: {argument}")),
             "load installation" => Some(format!("File not found: {argument}")),
             "popup" => done(true, "showing popup"),
-            "close popup" => done(true, "closing popup"),
+            "close popup" => {
+                self.robot.popup_open = false;
+                done(true, "closing popup")
+            }
             "close safety popup" => done(true, "closing safety popup"),
             "addToLog" if argument.is_empty() => done(true, "No log message to add"),
             "addToLog" => {
