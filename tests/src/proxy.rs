@@ -11,6 +11,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 
+/// Most bytes taken in one read.
+const READ_BYTES: usize = 16 * 1024;
+
 /// Which way a fault strikes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
@@ -200,7 +203,7 @@ impl Lane {
         fault: Fault,
         rng: &mut ChaCha8Rng,
     ) -> io::Result<After> {
-        let mut bytes = [0; 16 * 1024];
+        let mut bytes = vec![0; READ_BYTES];
         match from.try_read(&mut bytes) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(read) => self.inbox.extend_from_slice(&bytes[..read]),

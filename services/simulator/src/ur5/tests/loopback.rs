@@ -344,6 +344,96 @@ async fn a_stream_that_is_used_up_stops_the_arm_and_never_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_slider_stretches_a_stream_and_no_sample_is_skipped() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let mut full_s = 0.0;
+    for slider in [1.0, 0.5, 0.2] {
+        lock(&cell.controller).set_speed_slider(slider);
+        let settled = |state: &State| finished(state) && state.speed_scaling == slider;
+        let start = drive(&mut arm, Command::Hold, settled).await;
+        let sample = |number: i32| {
+            let mut joints_rad = start.target_q;
+            joints_rad[0] += 0.1 * (1.0 - (f64::from(number) * 0.02).cos());
+            joints_rad
+        };
+        // Asserts that the numbers consumed go up by one.
+        let end = follow(&mut arm, 157, sample).await;
+        let taken_s = end.timestamp_s - start.timestamp_s;
+        if slider == 1.0 {
+            full_s = taken_s;
+        }
+        assert!((taken_s * slider / full_s - 1.0).abs() < 0.05, "{taken_s}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_program_that_was_paused_does_not_go_on_with_its_stream() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let sample = |number: i32| [f64::from(number) * 0.002, -1.7, 1.9, -1.77, -1.57, 0.0];
+    let mut stream = Stream::new();
+    let mut paused_at_s = f64::INFINITY;
+    let state = loop {
+        let state = arm.next_state().await.unwrap();
+        stream.consume(state.program.sample_consumed).unwrap();
+        while stream.wants() {
+            stream.push(sample(stream.next_number()));
+        }
+        let window = stream.window().unwrap();
+        arm.send(&Command::Stream(window)).await.unwrap();
+        if state.program.sample_consumed == 50 && paused_at_s.is_infinite() {
+            paused_at_s = state.timestamp_s;
+            lock(&cell.controller).set_paused(true);
+        }
+        if state.timestamp_s > paused_at_s + 0.5 {
+            lock(&cell.controller).set_paused(false);
+        }
+        if state.program.fault.is_some() {
+            break state;
+        }
+        assert!(state.program.sample_consumed < 54, "{state:?}");
+    };
+    assert_eq!(state.program.fault, Some(Fault::Paused));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_program_that_is_started_again_does_not_go_on_with_its_move() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let far = Command::MoveJ {
+        joints_rad: [1.5, -1.7, 1.9, -1.77, -1.57, 0.0],
+        speed_rad_s: 0.5,
+        accel_rad_s2: 2.0,
+    };
+    drive(&mut arm, far, |state| state.actual_qd[0] > 0.45).await;
+    // The same program over the same registers, as PolyScope's play button has it.
+    let session = lock(&cell.controller).robot.outputs.ints[24];
+    let text = ur_link::program::text(&cell.options(), session).unwrap();
+    lock(&cell.controller).load_program(&text).unwrap();
+    let start_s = lock(&cell.controller).timestamp_s();
+    let stands = drive(&mut arm, far, |state| state.timestamp_s > start_s + 0.5).await;
+    let later = drive(&mut arm, far, |state| state.timestamp_s > start_s + 1.5).await;
+    assert!(later.program.ready, "{later:?}");
+    assert!(largest_difference(&later.actual_q, &stands.actual_q) < 1e-5);
+    // What is commanded anew is obeyed.
+    drive(&mut arm, Command::Hold, finished).await;
+    drive(&mut arm, far, finished).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_program_that_another_replaced_is_not_ready() {
     let cell = Cell::start(Config {
         powered: true,
