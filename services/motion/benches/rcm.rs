@@ -1,3 +1,4 @@
+#![allow(missing_docs)] // criterion_group! makes functions without any.
 //! Times what it takes to plan one move through the portal.
 
 use std::f64::consts::FRAC_PI_2;

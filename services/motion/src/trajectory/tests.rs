@@ -274,8 +274,8 @@ fn a_law_keeps_the_limits_of_every_joint() {
     }
     let mut most = [0.0_f64; 3];
     for window in samples.windows(4) {
-        for joint in 0..6 {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|of: usize| window[of][joint]);
+        let [first, second, third, fourth] = [window[0], window[1], window[2], window[3]];
+        for (((a, b), c), d) in first.iter().zip(second).zip(third).zip(fourth) {
             most[0] = most[0].max(((b - a) / h).abs());
             most[1] = most[1].max(((c - 2.0 * b + a) / (h * h)).abs());
             most[2] = most[2].max(((d - 3.0 * c + 3.0 * b - a) / (h * h * h)).abs());
