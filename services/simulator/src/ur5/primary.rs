@@ -54,6 +54,11 @@ impl Controller {
                 doubles(out, &[0.0]); // robot dexterity
             });
             packet(out, 8, |out| self.encode_additional(out));
+            packet(out, 9, |out| doubles(out, &[0.0; 6])); // calibration of the force
+            if self.robot.config.series == Series::E {
+                packet(out, 11, encode_tool_communication);
+                packet(out, 12, |out| out.extend([0, 0, 0])); // modes of the tool's outputs
+            }
             if detail == Detail::WithConfiguration {
                 packet(out, 5, |out| self.encode_kinematics(out));
                 packet(out, 6, |out| self.encode_configuration(out));
@@ -253,6 +258,15 @@ impl Controller {
     }
 }
 
+/// Switched off: enabled, baud rate, parity, stop bits, idle characters of receiver and sender.
+fn encode_tool_communication(out: &mut Vec<u8>) {
+    out.push(0);
+    for number in [115_200i32, 0, 1] {
+        out.extend(number.to_be_bytes());
+    }
+    floats(out, &[1.5, 3.5]);
+}
+
 /// Size, type, body: packets and sub-packages alike.
 fn packet(out: &mut Vec<u8>, kind: u8, write: impl FnOnce(&mut Vec<u8>)) {
     let start = out.len();
@@ -312,6 +326,7 @@ mod tests {
                 (4, 101),
                 (7, 61),
                 (8, 9),
+                (9, 53),
                 (5, 225),
                 (6, 445)
             ]
@@ -324,7 +339,11 @@ mod tests {
             sizes(old)[..5],
             [(0, 38), (1, 251), (2, 37), (3, 75), (4, 53)]
         );
-        assert_eq!(sizes(Config::of(Series::E))[0], (0, 47));
+        let e = sizes(Config::of(Series::E));
+        assert_eq!(
+            (e[0], &e[6..10]),
+            ((0, 47), &[(8, 10), (9, 53), (11, 26), (12, 8)][..])
+        );
     }
 
     #[test]
