@@ -14,5 +14,6 @@ pub mod case;
 pub mod cell;
 pub mod command;
 pub mod peers;
+pub mod proxy;
 
 pub use cell::Cell;

@@ -8,12 +8,14 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 mod local;
 mod planning;
+mod robot;
 
 pub use local::{
     Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
     Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
+pub use robot::{ArmName, AxisName, Dashboard, Jog, Robot, RobotCommand, RobotState};
 
 /// An arthroscopic robot system for meniscoplasty.
 ///
@@ -76,6 +78,8 @@ pub enum Command {
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),
+    /// Shows, jogs and recovers the arms, and asks their controllers: for the engineer at the bench.
+    Robot(Robot),
 }
 
 #[derive(Debug, Args)]

@@ -321,7 +321,9 @@ async fn follow<M>(
         match operation.state() {
             common::OperationState::Running | common::OperationState::Unspecified => {}
             common::OperationState::Done => return Ok(message),
-            common::OperationState::Failed | common::OperationState::Stopped => {
+            common::OperationState::Failed
+            | common::OperationState::Stopped
+            | common::OperationState::InDoubt => {
                 return Err(Failure::ended(peer, operation));
             }
         }

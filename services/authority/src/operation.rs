@@ -27,7 +27,7 @@ pub struct Operation {
     pub id: String,
     /// Where it stands.
     pub state: OperationState,
-    /// A stable SCREAMING_SNAKE word if failed or stopped, else empty.
+    /// A stable SCREAMING_SNAKE word if failed, stopped or in doubt, else empty.
     pub reason: String,
     /// What happened, for a person, with value and limit.
     pub detail: String,
@@ -44,6 +44,8 @@ pub enum OperationState {
     Failed,
     /// Halted on request, or because command was lost.
     Stopped,
+    /// It is not known how it ended: the device went out of sight while it ran.
+    InDoubt,
 }
 
 /// How an operation ended.
@@ -66,6 +68,13 @@ pub enum Outcome {
         /// Stable word.
         reason: String,
         /// Who stopped it and why.
+        detail: String,
+    },
+    /// Not known: the device went out of sight while it ran.
+    InDoubt {
+        /// Stable word.
+        reason: String,
+        /// What was known last.
         detail: String,
     },
 }
@@ -145,6 +154,7 @@ impl Operations {
                 Outcome::Done { detail } => (OperationState::Done, String::new(), detail),
                 Outcome::Failed { reason, detail } => (OperationState::Failed, reason, detail),
                 Outcome::Stopped { reason, detail } => (OperationState::Stopped, reason, detail),
+                Outcome::InDoubt { reason, detail } => (OperationState::InDoubt, reason, detail),
             };
             self.running -= 1;
         }

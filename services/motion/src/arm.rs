@@ -15,8 +15,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use arthro_authority::Operation;
+use arthro_geometry::Rigid;
 use arthro_geometry::frame::{Base, Tool};
-use arthro_geometry::{Point3, Rigid};
 use tokio::sync::{mpsc, oneshot, watch};
 use ur_link::{RobotLink, RobotMode, SafetyMode};
 
@@ -26,7 +26,7 @@ use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm};
 use crate::limits::Limits;
 use crate::plan::Move;
-use crate::rcm::Placement;
+use crate::rcm::{Placement, Portal};
 
 /// Requests that may wait for the next controller cycle.
 const WAITING_REQUESTS: usize = 16;
@@ -43,9 +43,12 @@ pub struct ArmOptions {
     /// Its limits.
     pub limits: Limits,
     /// The portal, if it is known from the start.
-    pub portal: Option<Point3>,
-    /// The controller's period, s.
+    pub portal: Option<Portal>,
+    /// The controller's period as far as it is known without a link, s.
     pub period_s: f64,
+    /// Wall time without a state after which a moving arm is told to stop and a fault latched. The limit by the
+    /// controller's clock is `limits.stale_s`; a dead link shows on the wall clock alone.
+    pub silence: Duration,
     /// Wall time between two attempts to connect.
     pub reconnect: Duration,
 }
@@ -77,7 +80,7 @@ pub struct Published {
     /// The arm; none before the first link.
     pub state: Option<ArmState>,
     /// The portal in force.
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     /// The number of the last stop order that was carried out.
     stops_served: u64,
 }
@@ -107,6 +110,10 @@ pub struct ArmState {
     pub speed_scaling: f64,
     /// The move under way.
     pub operation_id: Option<String>,
+    /// Whether the link is up; if not, this is what was measured last.
+    pub connected: bool,
+    /// States of the controller that did not come since the link was made.
+    pub states_missed: u64,
 }
 
 /// Why an arm does not move until somebody recovers it.
@@ -148,7 +155,7 @@ enum Request {
     },
     SetPortal {
         by: Authorization,
-        portal: Point3,
+        portal: Portal,
         reply: DoneReply,
     },
     RecoverFault {
@@ -227,11 +234,12 @@ impl ArmHandle {
         &self,
         by: Authorization,
         command: &[u8],
-        portal: Point3,
+        portal: impl Into<Portal>,
     ) -> Result<(), Error> {
         match self.commander.begin(&by, command)? {
             Begun::Repeated(operation, _) => answered_before(operation),
             Begun::New => {
+                let portal = portal.into();
                 self.ask(|reply| Request::SetPortal { by, portal, reply })
                     .await?
             }

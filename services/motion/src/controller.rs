@@ -24,8 +24,7 @@ impl Connect for UrController {
 
     async fn connect(&mut self) -> Result<Controller, Error> {
         let controller = Controller::connect(self.options.clone()).await?;
-        let version = controller.dashboard().await?.polyscope_version().await?;
-        self.version.send_replace(format!("UR5 {version}"));
+        self.version.send_replace(controller.identity().to_string());
         Ok(controller)
     }
 }

@@ -20,13 +20,31 @@ pub enum Error {
         /// What it said.
         detail: String,
     },
-    /// No link to the controller.
-    #[error("the controller of the {arm} arm at {address} is not connected")]
+    /// No link to the controller, or none that may command it.
+    #[error("the controller of the {arm} arm at {address} is not connected: {why}")]
     NotConnected {
         /// Which arm.
         arm: &'static str,
         /// host:port.
         address: String,
+        /// From [`link_reason`].
+        reason: &'static str,
+        /// What the last attempt ran into.
+        why: String,
+    },
+    /// A move at speed 0 would begin whenever somebody raises the slider.
+    #[error("the speed slider is at {:.1} %; a move needs more than 0", 100.0 * .fraction)]
+    SpeedSlider {
+        /// 0 .. 1.
+        fraction: f64,
+    },
+    /// A move that would last for hours.
+    #[error("the move would last {duration_s:.0} s; limit {limit_s:.0} s")]
+    TooSlow {
+        /// At nominal speed.
+        duration_s: f64,
+        /// Limit.
+        limit_s: f64,
     },
     /// A fault is latched.
     #[error("a fault is latched and must be recovered first: {reason}: {detail}")]
@@ -144,6 +162,43 @@ pub enum Error {
         /// Limit.
         limit_mm: f64,
     },
+    /// A portal where the arm itself is.
+    #[error(
+        "the portal is {radius_mm:.1} mm from the axis of the base; must be at least {limit_mm} mm"
+    )]
+    PortalInBase {
+        /// Distance to the axis.
+        radius_mm: f64,
+        /// Least distance.
+        limit_mm: f64,
+    },
+    /// A shaft that would lean too far from the portal's axis.
+    #[error(
+        "the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad"
+    )]
+    Cone {
+        /// Angle to the axis.
+        lean_rad: f64,
+        /// `cone_max_rad`.
+        limit_rad: f64,
+    },
+    /// A planned joint is too fast near a singularity.
+    #[error("a joint would move at {speed_rad_s:.3} rad/s; limit {limit_rad_s} rad/s")]
+    JointSpeed {
+        /// Planned speed.
+        speed_rad_s: f64,
+        /// `joint_speed_rad_s`.
+        limit_rad_s: f64,
+    },
+    /// No time law keeps the limits.
+    #[error("the path cannot be timed: {detail}")]
+    NoTiming {
+        /// Why.
+        detail: String,
+    },
+    /// Poses that teach nothing sure.
+    #[error(transparent)]
+    Teaching(#[from] crate::teach::Refusal),
     /// The owner of the arm has ended.
     #[error("the service is shutting down")]
     Gone,
@@ -161,7 +216,9 @@ impl Error {
             Self::Invalid(_) => "INVALID_ARGUMENT",
             Self::Authority(refusal) => refusal.reason(),
             Self::Remembered { reason, .. } => reason,
-            Self::NotConnected { .. } => "NOT_CONNECTED",
+            Self::NotConnected { reason, .. } => reason,
+            Self::SpeedSlider { .. } => "SPEED_SLIDER_ZERO",
+            Self::TooSlow { .. } => "TOO_SLOW",
             Self::Faulted { .. } => "FAULT_LATCHED",
             Self::FaultLasts { reason, .. } => reason,
             Self::NotReady { .. } => "CONTROLLER_NOT_READY",
@@ -178,6 +235,11 @@ impl Error {
             Self::OutOfReach { .. } => "OUT_OF_REACH",
             Self::JointLimit { .. } | Self::JointJump { .. } => "JOINT_LIMIT",
             Self::RcmDeviation { .. } => "RCM_DEVIATION",
+            Self::Teaching(refusal) => refusal.reason(),
+            Self::PortalInBase { .. } => "PORTAL_IN_BASE",
+            Self::Cone { .. } => "CONE",
+            Self::JointSpeed { .. } => "JOINT_SPEED",
+            Self::NoTiming { .. } => "NO_TIMING",
             Self::Gone => "SHUTTING_DOWN",
         }
     }
@@ -185,7 +247,7 @@ impl Error {
     fn metadata(&self) -> Vec<(&'static str, String)> {
         match self {
             Self::Authority(refusal) => refusal.metadata(),
-            Self::NotConnected { arm, address } => {
+            Self::NotConnected { arm, address, .. } => {
                 vec![("arm", (*arm).to_owned()), ("address", address.clone())]
             }
             Self::Faulted { reason, detail } => {
@@ -242,8 +304,42 @@ impl Error {
                 ("jump_rad", jump_rad.to_string()),
                 ("limit_rad", limit_rad.to_string()),
             ],
+            Self::Teaching(refusal) => refusal.metadata(),
+            Self::PortalInBase {
+                radius_mm,
+                limit_mm,
+            } => vec![
+                ("radius_mm", radius_mm.to_string()),
+                ("limit_mm", limit_mm.to_string()),
+            ],
+            Self::Cone {
+                lean_rad,
+                limit_rad,
+            } => vec![
+                ("lean_rad", lean_rad.to_string()),
+                ("limit_rad", limit_rad.to_string()),
+            ],
+            Self::JointSpeed {
+                speed_rad_s,
+                limit_rad_s,
+            } => vec![
+                ("speed_rad_s", speed_rad_s.to_string()),
+                ("limit_rad_s", limit_rad_s.to_string()),
+            ],
             _ => Vec::new(),
         }
+    }
+}
+
+/// The stable word for why there is no link.
+pub fn link_reason(error: &ur_link::Error) -> &'static str {
+    match error {
+        ur_link::Error::InUse { .. } => "CONTROLLER_IN_USE",
+        ur_link::Error::Firmware { .. } => "CONTROLLER_FIRMWARE",
+        ur_link::Error::WrongRobot { .. } => "WRONG_ROBOT",
+        ur_link::Error::LocalControl => "LOCAL_CONTROL",
+        ur_link::Error::NotReady { .. } => "CONTROLLER_NOT_READY",
+        _ => "NOT_CONNECTED",
     }
 }
 

@@ -1,29 +1,36 @@
 //! Moves the two UR5 arms of a cell: free moves outside, and pivots, insertions and retractions whose
 //! shaft stays on the portal.
 //!
-//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`plan`], [`check`] and [`supervisor`] decide,
-//! without I/O; [`arm`] is the task that owns an arm and acts; [`command`] keeps the lease and the
+//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`free_way`], [`plan`], [`check`], [`clearance`] and
+//! [`supervisor`] decide, without I/O; [`teach`] finds portals and shafts from poses; [`arm`] is the task that owns
+//! an arm and acts; [`command`] keeps the lease and the
 //! remembered operations; [`server`] is the API.
 
 pub mod arm;
+pub mod bodies;
 pub mod check;
+pub mod clearance;
 pub mod command;
 pub mod config;
 pub mod controller;
 pub mod error;
+pub mod free_way;
 pub mod kinematics;
 pub mod limits;
 pub mod plan;
 pub mod rcm;
 pub mod server;
 pub mod supervisor;
+pub mod teach;
 pub mod time_law;
 pub mod trajectory;
+pub mod workspace;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
+use arthro_proto::motion::v1::teaching_service_server::TeachingServiceServer;
 use tonic::service::Routes;
 
 use self::command::Commander;
@@ -57,7 +64,8 @@ impl Service for Server {
             drain.started().await;
             stopped.stop_all("the service is shutting down").await;
         });
-        Ok(Routes::new(MotionServiceServer::new(motion)))
+        Ok(Routes::new(MotionServiceServer::new(motion.clone()))
+            .add_service(TeachingServiceServer::new(motion)))
     }
 }
 

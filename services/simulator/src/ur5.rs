@@ -28,7 +28,7 @@ mod watchdog;
 use nalgebra::Isometry3;
 use ur_link::{RobotMode, RuntimeState, SafetyMode, rtde::wire::Value};
 
-pub use config::{Calibration, Config, OutOfRange};
+pub use config::{Calibration, Config, OutOfRange, ScriptNetwork};
 pub use messages::{Level, Message};
 pub use outputs::Output;
 pub use pendant::{Control, OperationalMode};
@@ -204,8 +204,14 @@ impl Controller {
     /// # Errors
     /// Text that is no program (also reported to the clients, as the real controller does), or an arm that may not move.
     pub fn load_program(&mut self, text: &str) -> Result<(), ScriptError> {
-        let outcome = urscript::compile(text).and_then(|program| {
-            let refused = |text: String| Err(ScriptError { line: 0, text });
+        let outcome = urscript::compile(text, self.robot.config.software()).and_then(|program| {
+            let refused = |text: String| {
+                Err(ScriptError {
+                    line: 0,
+                    column: 0,
+                    text,
+                })
+            };
             if !self.takes_commands() {
                 return refused("controller is in local control".to_owned());
             }
@@ -389,7 +395,7 @@ impl Controller {
 fn exception(error: &ScriptError) -> Message {
     Message::RuntimeException {
         line: error.line as i32,
-        column: 1,
+        column: error.column as i32,
         text: error.text.clone(),
     }
 }

@@ -77,6 +77,8 @@ impl Configuration {
             (&mut motion.arms.arthroscope, arthroscope),
         ] {
             arm.host.clone_from(host);
+            // All of the cell shares this machine: a busy one is no dead link.
+            arm.silence_s = 1.0;
             arm.flange_from_tool.rotation_wxyz = flange_from_tool.rotation;
             arm.flange_from_tool.translation_mm = flange_from_tool.translation_mm;
         }

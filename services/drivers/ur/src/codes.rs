@@ -24,6 +24,15 @@ macro_rules! codes {
             }
         }
 
+        impl std::str::FromStr for $name {
+            type Err = ();
+
+            /// From the dashboard's word.
+            fn from_str(word: &str) -> Result<Self, ()> {
+                match word { $($word => Ok(Self::$variant),)* _ => Err(()) }
+            }
+        }
+
         impl fmt::Display for $name {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 match self { $(Self::$variant => f.write_str($word),)* Self::Unknown(code) => write!(f, "UNKNOWN({code})") }
@@ -83,6 +92,10 @@ codes! {
         ValidateJointId = 10 "VALIDATE_JOINT_ID",
         /// Not defined.
         Undefined = 11 "UNDEFINED_SAFETY_MODE",
+        /// Safeguard input of the automatic mode, e-Series.
+        AutomaticModeSafeguardStop = 12 "AUTOMATIC_MODE_SAFEGUARD_STOP",
+        /// Enabling device released, e-Series.
+        ThreePositionEnablingStop = 13 "SYSTEM_THREE_POSITION_ENABLING_STOP",
     }
 }
 

@@ -1,22 +1,26 @@
 //! An arm under our program: [`Controller`].
 
+mod registers;
+
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use tokio::{io::AsyncWriteExt, net::TcpStream, time::Instant};
 
+use self::registers::Envelope;
 use crate::{
-    Command, Dashboard, Error, Fault, Options, ProgramState, RobotLink, RobotMode, RuntimeState,
-    SafetyMode, Startup, State,
-    program::{self, FIRST_REGISTER},
-    rtde::{
-        Client, InputRecipe, OutputRecipe,
-        wire::{Type, Value},
-    },
+    Command, Dashboard, Error, Identity, Options, RobotLink, RobotMode, SafetyMode, Startup, State,
+    program,
+    rtde::{Client, InputRecipe, OutputRecipe, wire::Type},
 };
+
+/// Cycles after which a program whose beat stands still has ended.
+const BEATS_MISSED: f64 = 5.0;
 
 /// A connected arm that runs this crate's program. See [`RobotLink`] for how to drive it.
 pub struct Controller {
     options: Options,
+    identity: Identity,
+    period_s: f64,
     rtde: Client,
     outputs: OutputRecipe,
     inputs: InputRecipe,
@@ -28,27 +32,52 @@ pub struct Controller {
     last_command: Option<Command>,
     /// A fault was returned by `next_state`, so the next `Hold` acknowledges it.
     fault_seen: bool,
+    beat: Beat,
+}
+
+/// The last sign of life of the program.
+#[derive(Clone, Copy, Debug)]
+struct Beat {
+    number: i32,
+    /// Controller time at which it changed.
+    since_s: f64,
 }
 
 impl Controller {
-    /// Connects to all services, brings the arm up as [`Options::startup`] allows, uploads the program and waits until it
-    /// reports ready.
+    /// Connects to all services, checks that it is the robot meant and may be commanded, brings the arm up as
+    /// [`Options::startup`] allows, uploads the program and waits until it reports ready.
     ///
     /// # Errors
-    /// Any service unreachable, a refused recipe, an arm that does not come up within [`Options::startup_timeout`], a
-    /// protective stop ([`Error::NotReady`]).
+    /// Any service unreachable; [`Error::Firmware`], [`Error::WrongRobot`], [`Error::LocalControl`]; [`Error::InUse`] when
+    /// another client commands the arm; another refused recipe; an arm that does not come up within
+    /// [`Options::startup_timeout`]; a protective stop ([`Error::NotReady`]).
     pub async fn connect(options: Options) -> Result<Self, Error> {
         let endpoint = &options.endpoint;
         let mut rtde =
             Client::connect(&endpoint.host, endpoint.rtde_port, options.reply_timeout).await?;
-        let outputs = rtde
-            .setup_outputs(options.frequency_hz, &output_fields(&OUTPUT_REGISTERS))
+        let mut identity = Identity::from_version(rtde.controller_version().await?)?;
+        let mut dashboard = Dashboard::connect(
+            &endpoint.host,
+            endpoint.dashboard_port,
+            options.reply_timeout,
+        )
+        .await?;
+        identity
+            .complete(&mut dashboard, options.expected.as_ref())
             .await?;
-        let names = InputNames::new();
-        let inputs = rtde.setup_inputs(&names.fields()).await?;
+        let frequency_hz = identity.series.frequency_hz();
+        let outputs = rtde
+            .setup_outputs(frequency_hz, &borrowed(&registers::output_names()))
+            .await?;
+        let inputs = rtde
+            .setup_inputs(&borrowed(&registers::input_names()))
+            .await
+            .map_err(in_use)?;
         rtde.start().await?;
         let mut controller = Self {
             options,
+            identity,
+            period_s: 1.0 / frequency_hz,
             rtde,
             outputs,
             inputs,
@@ -57,10 +86,19 @@ impl Controller {
             sequence: 0,
             last_command: None,
             fault_seen: false,
+            beat: Beat {
+                number: 0,
+                since_s: f64::NEG_INFINITY,
+            },
         };
         controller.bring_up().await?;
         controller.start_program().await?;
         Ok(controller)
+    }
+
+    /// What the controller says it is.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
     }
 
     /// Makes a stopped arm ready again: unlocks a protective stop (which the controller refuses within 5 s of its
@@ -195,52 +233,29 @@ impl Controller {
         self.send(&Command::Hold).await?;
         Ok(state)
     }
-
-    fn input_values(&self, command: &Command) -> [Value; INPUT_INTS + INPUT_DOUBLES] {
-        let (mode, target, speed, accel) = match *command {
-            Command::Hold => (0, [0.0; 6], 0.0, 0.0),
-            Command::Servo { joints_rad } => (1, joints_rad, 0.0, 0.0),
-            Command::MoveL {
-                base_from_tool,
-                speed_m_s,
-                accel_m_s2,
-            } => (2, base_from_tool, speed_m_s, accel_m_s2),
-            Command::MoveJ {
-                joints_rad,
-                speed_rad_s,
-                accel_rad_s2,
-            } => (3, joints_rad, speed_rad_s, accel_rad_s2),
-            Command::Stop => (4, [0.0; 6], 0.0, 0.0),
-        };
-        let [t0, t1, t2, t3, t4, t5] = target;
-        let ints = [
-            self.counter,
-            mode,
-            self.sequence,
-            self.session,
-            i32::from(self.fault_seen),
-        ];
-        let doubles = [t0, t1, t2, t3, t4, t5, speed, accel];
-        let mut values = [Value::Int32(0); INPUT_INTS + INPUT_DOUBLES];
-        let all = ints
-            .into_iter()
-            .map(Value::Int32)
-            .chain(doubles.into_iter().map(Value::Double));
-        values
-            .iter_mut()
-            .zip(all)
-            .for_each(|(slot, value)| *slot = value);
-        values
-    }
 }
 
 impl RobotLink for Controller {
+    fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
     async fn next_state(&mut self) -> Result<State, Error> {
         let fields = self
             .rtde
             .newest(&self.outputs, self.options.silence_timeout)
             .await?;
-        let state = decode(fields, self.session, self.sequence)?;
+        let received = registers::outputs(fields, self.session, self.sequence)?;
+        let mut state = received.state;
+        if received.beat != self.beat.number {
+            self.beat = Beat {
+                number: received.beat,
+                since_s: state.timestamp_s,
+            };
+        }
+        // Another program may run, and the registers still show what ours said last.
+        let silent_s = state.timestamp_s - self.beat.since_s;
+        state.program.ready &= silent_s <= BEATS_MISSED * self.period_s;
         self.fault_seen = state.program.fault.is_some();
         Ok(state)
     }
@@ -251,141 +266,41 @@ impl RobotLink for Controller {
             .last_command
             .is_some_and(|before| command.continues(&before))
         {
-            self.sequence = next_number(self.sequence);
+            // The program obeys growing sequences only; a new connection begins anew.
+            self.sequence = self.sequence.checked_add(1).ok_or_else(|| Error::Refused {
+                request: "command".into(),
+                answer: "the sequence numbers of this connection are used up".into(),
+            })?;
         }
         self.last_command = Some(*command);
         self.counter = next_number(self.counter);
-        let values = self.input_values(command);
+        let envelope = Envelope {
+            counter: self.counter,
+            sequence: self.sequence,
+            session: self.session,
+            fault_seen: self.fault_seen,
+        };
+        let values = registers::inputs(&envelope, command);
         self.rtde.send(&self.inputs, &values).await
     }
 }
 
-const INPUT_INTS: usize = 5;
-const INPUT_DOUBLES: usize = 8;
-
-/// Names of the input registers in the order of [`Controller::input_values`].
-struct InputNames(Vec<(String, Type)>);
-
-impl InputNames {
-    fn new() -> Self {
-        let named = |kind: &str, count: usize, of: Type| -> Vec<(String, Type)> {
-            (FIRST_REGISTER..FIRST_REGISTER + count)
-                .map(|n| (format!("input_{kind}_register_{n}"), of))
-                .collect()
-        };
-        Self(
-            [
-                named("int", INPUT_INTS, Type::Int32),
-                named("double", INPUT_DOUBLES, Type::Double),
-            ]
-            .concat(),
-        )
-    }
-
-    fn fields(&self) -> Vec<(&str, Type)> {
-        self.0
-            .iter()
-            .map(|(name, kind)| (name.as_str(), *kind))
-            .collect()
-    }
-}
-
-const OUTPUT_REGISTERS: [&str; 5] = [
-    "output_int_register_24",
-    "output_int_register_25",
-    "output_int_register_26",
-    "output_int_register_27",
-    "output_int_register_28",
-];
-
-fn output_fields(registers: &[&'static str; 5]) -> Vec<(&'static str, Type)> {
-    let mut fields = vec![
-        ("timestamp", Type::Double),
-        ("actual_q", Type::Vector6D),
-        ("target_q", Type::Vector6D),
-        ("actual_qd", Type::Vector6D),
-        ("actual_TCP_pose", Type::Vector6D),
-        ("robot_mode", Type::Int32),
-        ("safety_mode", Type::Int32),
-        ("runtime_state", Type::UInt32),
-        ("speed_scaling", Type::Double),
-        ("target_speed_fraction", Type::Double),
-    ];
-    fields.extend(registers.iter().map(|name| (*name, Type::Int32)));
+fn borrowed(fields: &[(String, Type)]) -> Vec<(&str, Type)> {
     fields
+        .iter()
+        .map(|(name, kind)| (name.as_str(), *kind))
+        .collect()
 }
 
-/// Reads one package in the order of [`output_fields`].
-fn decode(mut fields: &[u8], session: i32, sequence_sent: i32) -> Result<State, Error> {
-    let mut next = |kind| Value::decode(kind, &mut fields).ok_or(SHORT);
-    let mut state = State {
-        timestamp_s: double(next(Type::Double)?),
-        actual_q: vector(next(Type::Vector6D)?),
-        target_q: vector(next(Type::Vector6D)?),
-        actual_qd: vector(next(Type::Vector6D)?),
-        actual_tcp_pose: vector(next(Type::Vector6D)?),
-        robot_mode: RobotMode::from_code(int(next(Type::Int32)?)),
-        safety_mode: SafetyMode::from_code(int(next(Type::Int32)?)),
-        runtime_state: RuntimeState::from_code(int(next(Type::UInt32)?)),
-        speed_scaling: double(next(Type::Double)?),
-        target_speed_fraction: double(next(Type::Double)?),
-        program: ProgramState {
-            sequence_sent,
-            ..ProgramState::default()
-        },
-    };
-    let mut registers = [0; 5];
-    for register in &mut registers {
-        *register = int(next(Type::Int32)?);
-    }
-    let [
-        program_session,
-        sequence_running,
-        sequence_done,
-        fault,
-        missed_cycles,
-    ] = registers;
-    if session != 0 && program_session == session {
-        state.program = ProgramState {
-            ready: state.runtime_state == RuntimeState::Playing,
-            sequence_sent,
-            sequence_running,
-            sequence_done,
-            missed_cycles,
-            fault: match fault {
-                0 => None,
-                1 => Some(Fault::ClientSilent),
-                2 => Some(Fault::ServoLead),
-                other => Some(Fault::Unknown(other)),
-            },
-        };
-    }
-    Ok(state)
-}
-
-const SHORT: Error = Error::Wire(crate::rtde::wire::Error::Short(b'U'));
-
-fn double(value: Value) -> f64 {
-    if let Value::Double(value) = value {
-        value
-    } else {
-        f64::NAN
-    }
-}
-
-fn vector(value: Value) -> [f64; 6] {
-    if let Value::Vector6D(values) = value {
-        values
-    } else {
-        [f64::NAN; 6]
-    }
-}
-
-fn int(value: Value) -> i32 {
-    match value {
-        Value::Int32(value) => value,
-        Value::UInt32(value) => value as i32,
-        _ => 0,
+/// Inputs have one writer: somebody else commands the arm.
+fn in_use(error: Error) -> Error {
+    match error {
+        Error::Field {
+            name,
+            answer: Type::InUse,
+            ..
+        } => Error::InUse { name },
+        other => other,
     }
 }
 

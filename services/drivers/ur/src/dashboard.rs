@@ -1,4 +1,8 @@
-//! The dashboard server (port 29999): one line in, one line out.
+//! The dashboard server (port 29999): one line in, one line out. [`Dashboard`] has a method for every command of CB3 and
+//! e-Series; what an older controller does not know is [`Error::Refused`] with its answer.
+
+mod commands;
+mod words;
 
 use std::time::Duration;
 
@@ -8,16 +12,30 @@ use tokio::{
     time::timeout,
 };
 
+pub use words::{OperationalMode, Player, UserRole};
+
 use crate::Error;
 
 const SERVICE: &str = "dashboard";
 /// Longest line taken from the controller.
 const MAX_LINE_BYTES: u64 = 4096;
 
-/// A connection to the dashboard. Mode changes are asynchronous: an accepted request has begun, not ended.
+/// A connection to the dashboard. Mode changes are asynchronous: an accepted request has begun, not ended; whether it
+/// came about is seen in [`Dashboard::robot_mode`] or RTDE.
+///
+/// Nothing tells which answer belongs to which command but their order. So once an answer was not waited for (timeout, a
+/// dropped future) the connection refuses all further commands; a new one begins anew.
 pub struct Dashboard {
     stream: BufReader<TcpStream>,
     reply_timeout: Duration,
+    answers: Answers,
+}
+
+/// Whether the next line is the answer to the next command.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Answers {
+    InStep,
+    Owed,
 }
 
 impl Dashboard {
@@ -30,6 +48,7 @@ impl Dashboard {
         let mut dashboard = Self {
             stream: BufReader::new(stream),
             reply_timeout,
+            answers: Answers::InStep,
         };
         let greeting = dashboard.line().await?;
         if !greeting.contains("Dashboard Server") {
@@ -52,92 +71,25 @@ impl Dashboard {
                 answer: "more than one line".into(),
             });
         }
+        if self.answers == Answers::Owed {
+            return Err(Error::Refused {
+                request: command.to_owned(),
+                answer: "an earlier command was not waited for; connect anew".into(),
+            });
+        }
+        self.answers = Answers::Owed;
         let line = format!("{command}\n");
-        self.stream
-            .get_mut()
-            .write_all(line.as_bytes())
+        let limit = self.reply_timeout;
+        timeout(limit, self.stream.get_mut().write_all(line.as_bytes()))
             .await
+            .map_err(|_| Error::Timeout {
+                what: "space to send to the dashboard",
+                limit,
+            })?
             .map_err(io_error)?;
-        self.line().await
-    }
-
-    /// Powers the arm: to `IDLE`, brakes on.
-    ///
-    /// # Errors
-    /// Refused, or connection failures.
-    pub async fn power_on(&mut self) -> Result<(), Error> {
-        self.expect("power on", "Powering on").await
-    }
-
-    /// Takes the power off the arm.
-    ///
-    /// # Errors
-    /// Refused, or connection failures.
-    pub async fn power_off(&mut self) -> Result<(), Error> {
-        self.expect("power off", "Powering off").await
-    }
-
-    /// Releases the brakes: to `RUNNING`.
-    ///
-    /// # Errors
-    /// Refused, or connection failures.
-    pub async fn brake_release(&mut self) -> Result<(), Error> {
-        self.expect("brake release", "Brake releasing").await
-    }
-
-    /// Unlocks a protective stop, which the controller allows 5 s after it happened. The cause must have been inspected.
-    ///
-    /// # Errors
-    /// Refused (too early), or connection failures.
-    pub async fn unlock_protective_stop(&mut self) -> Result<(), Error> {
-        self.expect("unlock protective stop", "Protective stop releasing")
-            .await
-    }
-
-    /// Closes the popup of a safety event.
-    ///
-    /// # Errors
-    /// Refused, or connection failures.
-    pub async fn close_safety_popup(&mut self) -> Result<(), Error> {
-        self.expect("close safety popup", "closing safety popup")
-            .await
-    }
-
-    /// Stops the running program.
-    ///
-    /// # Errors
-    /// Refused, or connection failures.
-    pub async fn stop(&mut self) -> Result<(), Error> {
-        self.expect("stop", "Stopped").await
-    }
-
-    /// "RUNNING", "IDLE"...
-    ///
-    /// # Errors
-    /// Connection failures, or another answer.
-    pub async fn robot_mode(&mut self) -> Result<String, Error> {
-        self.value("robotmode", "Robotmode: ").await
-    }
-
-    /// "NORMAL", "PROTECTIVE_STOP"...
-    ///
-    /// # Errors
-    /// Connection failures, or another answer.
-    pub async fn safety_mode(&mut self) -> Result<String, Error> {
-        self.value("safetymode", "Safetymode: ").await
-    }
-
-    /// Such as "3.15.8.106339".
-    ///
-    /// # Errors
-    /// Connection failures, or another answer.
-    pub async fn polyscope_version(&mut self) -> Result<String, Error> {
-        let text = self.value("PolyscopeVersion", "URSoftware ").await?;
-        Ok(text
-            .split_whitespace()
-            .next()
-            .unwrap_or_default()
-            .to_owned())
+        let answer = self.line().await?;
+        self.answers = Answers::InStep;
+        Ok(answer)
     }
 
     async fn expect(&mut self, command: &str, accepted: &str) -> Result<(), Error> {
@@ -167,6 +119,12 @@ impl Dashboard {
             })?
             .map_err(io_error)?;
         if bytes.last() != Some(&b'\n') {
+            if bytes.len() as u64 == MAX_LINE_BYTES {
+                return Err(Error::Refused {
+                    request: "dashboard answer".into(),
+                    answer: format!("a line of more than {MAX_LINE_BYTES} bytes"),
+                });
+            }
             return Err(Error::Closed { service: SERVICE });
         }
         Ok(String::from_utf8_lossy(&bytes).trim_end().to_owned())

@@ -4,7 +4,11 @@ use std::time::Duration;
 
 use tokio::net::TcpStream;
 
-use crate::{RobotMode, SafetyMode, rtde::wire};
+use crate::{
+    RobotMode, SafetyMode, primary,
+    rtde::{ControllerVersion, Since, wire},
+    script::Exception,
+};
 
 /// Errors of the link.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +49,34 @@ pub enum Error {
     /// Bytes that are not the protocol.
     #[error("rtde protocol violated")]
     Wire(#[from] wire::Error),
+    /// Bytes that are not the protocol of the primary interface.
+    #[error("protocol of the primary interface violated")]
+    Primary(#[source] primary::wire::Error),
+    /// A packet of the realtime interface that no software since 3.0 sends.
+    #[error(
+        "packet of the realtime interface has size {size}; software since 3.0 sends 1044 to 4092"
+    )]
+    RealtimeSize {
+        /// As the size field says.
+        size: i32,
+    },
+    /// A text that is no program.
+    #[error("the program {0}")]
+    Script(&'static str),
+    /// A program that the controller does not run.
+    #[error("program {name} failed at {exception}")]
+    Program {
+        /// Its name.
+        name: String,
+        /// Where and why.
+        exception: Exception,
+    },
+    /// A protective stop was to be unlocked within five seconds of its occurrence.
+    #[error("a protective stop is unlocked 5 s after it happened at the earliest: {answer}")]
+    UnlockTooEarly {
+        /// What the controller answered.
+        answer: String,
+    },
     /// The controller said no.
     #[error("{request} refused: {answer}")]
     Refused {
@@ -62,6 +94,51 @@ pub enum Error {
         answer: wire::Type,
         /// Type this client needs.
         wanted: wire::Type,
+    },
+    /// The controller's software does not have a recipe field yet.
+    #[error("rtde field {name} came with {since}; the controller has {found}")]
+    FieldSince {
+        /// Name of the field.
+        name: String,
+        /// First software that has it.
+        since: Since,
+        /// Software of the controller.
+        found: ControllerVersion,
+    },
+    /// The controller's software is too old for something.
+    #[error("{what} needs controller software {needs}, found {found}")]
+    TooOld {
+        /// What.
+        what: &'static str,
+        /// Software of the controller.
+        found: ControllerVersion,
+        /// First that would do.
+        needs: &'static str,
+    },
+    /// Another client holds the inputs: somebody else commands this arm.
+    #[error("rtde input {name} is in use by another client, which commands this arm")]
+    InUse {
+        /// Name of the input.
+        name: String,
+    },
+    /// Software in which this crate's program cannot run.
+    #[error("controller software is {version}, needed is {needed}")]
+    Firmware {
+        /// What the controller says it has.
+        version: String,
+        /// Which can.
+        needed: &'static str,
+    },
+    /// The pendant has not handed over control.
+    #[error("the controller is in local control; switch it to remote control at the pendant")]
+    LocalControl,
+    /// Not the robot that was meant.
+    #[error("the robot is {found}, wanted is {wanted}")]
+    WrongRobot {
+        /// What it says it is.
+        found: String,
+        /// [`Options::expected`](crate::Options::expected).
+        wanted: String,
     },
     /// The arm is in no state to run a program.
     #[error("arm is not ready: robot mode {robot_mode}, safety mode {safety_mode}")]

@@ -25,16 +25,28 @@
 //! The parts can be used alone: [`rtde::wire`] is a codec without I/O for both directions, [`rtde::Client`] speaks RTDE
 //! with any recipe, [`Dashboard`] the dashboard protocol.
 
+mod calibration;
 mod codes;
 mod controller;
-mod dashboard;
+pub mod dashboard;
 mod error;
+mod identity;
 mod link;
+pub mod primary;
 pub mod program;
+pub mod realtime;
 pub mod rtde;
+pub mod script;
+mod stream;
 
+pub use calibration::{Calibration, Model};
 pub use codes::{RobotMode, RuntimeState, SafetyMode};
 pub use controller::Controller;
 pub use dashboard::Dashboard;
 pub use error::Error;
+pub use identity::{Expected, Identity, Series};
 pub use link::{Command, Endpoint, Fault, Options, ProgramState, RobotLink, Servo, Startup, State};
+pub use primary::Primary;
+pub use realtime::Realtime;
+pub use script::Script;
+pub use stream::{Stream, WINDOW_SAMPLES, Window};

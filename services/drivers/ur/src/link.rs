@@ -3,7 +3,7 @@
 
 use std::{ops::RangeInclusive, time::Duration};
 
-use crate::{Error, RobotMode, RuntimeState, SafetyMode};
+use crate::{Error, Expected, RobotMode, RuntimeState, SafetyMode, Window};
 
 /// One arm, one state in and one command out per controller cycle.
 ///
@@ -13,8 +13,12 @@ use crate::{Error, RobotMode, RuntimeState, SafetyMode};
 ///   [`Fault::ClientSilent`]; a simulated arm in lock step waits for it before its clock goes on;
 /// - sending the same `MoveL`/`MoveJ` again keeps it going and never restarts it; to repeat a finished move send another
 ///   command (such as [`Command::Hold`]) between;
-/// - after a [`Fault`] nothing moves until a [`Command::Hold`] is sent by a client that has seen the fault.
+/// - after a [`Fault`] nothing moves until a [`Command::Hold`] is sent by a client that has seen the fault;
+/// - nothing that was commanded before a stop, a fault, an end of the program or a new connection is ever continued.
 pub trait RobotLink: Send + 'static {
+    /// One controller cycle, s: the time between two samples of a stream, and between two states.
+    fn period_s(&self) -> f64;
+
     /// Waits for the state of the next controller cycle; under backlog the newest, older ones are dropped.
     /// Cancel safe.
     fn next_state(&mut self) -> impl Future<Output = Result<State, Error>> + Send;
@@ -28,12 +32,10 @@ pub trait RobotLink: Send + 'static {
 pub enum Command {
     /// Stand still and be ready. Ends any motion as [`Command::Stop`] does; acknowledges a fault that was reported.
     Hold,
-    /// Follow a stream of joint positions, a new one every cycle (URScript `servoj`). Consecutive `Servo` commands are
-    /// one command: they share a sequence number. The first target must be near the present position.
-    Servo {
-        /// Base, shoulder, elbow, wrist 1, 2, 3.
-        joints_rad: [f64; 6],
-    },
+    /// Follow a stream of joint positions, one sample each cycle (URScript `servoj`); [`Stream`](crate::Stream) makes its
+    /// windows. Consecutive `Stream` commands whose numbers do not go back are one command: they share a sequence number.
+    /// The first sample must be near the present position. Finished once the last sample was consumed; it is held then.
+    Stream(Window),
     /// Move the tool along a straight line with constant rotation axis (URScript `movel`).
     MoveL {
         /// x, y, z in m and rotation vector, of the tool set by [`Options::tcp_offset`].
@@ -86,7 +88,8 @@ pub struct State {
 /// What the uploaded program reports through its output registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProgramState {
-    /// The program of this very connection runs. False after a protective stop or when another program replaced it.
+    /// The program of this very connection runs. False after a protective stop, while it is paused, or when another
+    /// program replaced it.
     pub ready: bool,
     /// Sequence of the last command sent by this client before this state was taken from the socket; 0: none yet.
     pub sequence_sent: i32,
@@ -96,12 +99,15 @@ pub struct ProgramState {
     pub sequence_done: i32,
     /// Consecutive cycles without a new package from this client, as the program counts them.
     pub missed_cycles: i32,
+    /// Number of the sample of the running stream that the program commanded last; 0: none yet.
+    pub sample_consumed: i32,
     /// Latched until acknowledged by [`Command::Hold`].
     pub fault: Option<Fault>,
 }
 
 impl ProgramState {
-    /// The last command sent has finished: a move reached its target, a stop stands. A `Servo` never finishes by itself.
+    /// The last command sent has finished: a move reached its target, a stop stands, the last sample of a stream was
+    /// commanded.
     pub fn finished(&self) -> bool {
         self.ready && self.sequence_sent != 0 && self.sequence_done == self.sequence_sent
     }
@@ -112,10 +118,37 @@ impl ProgramState {
 pub enum Fault {
     /// No new package for [`Options::silent_cycles`] cycles while moving.
     ClientSilent,
-    /// A servo target farther from the arm than [`Servo::max_lead_rad`].
+    /// A sample farther from the arm than [`Servo::max_lead_rad`].
     ServoLead,
+    /// The command is none that the program knows.
+    UnknownCommand,
+    /// Every sample of the window was consumed and no newer window came.
+    Starved,
+    /// A sample farther from the one before than [`Servo::max_speed_rad_s`] allows.
+    SampleStep,
+    /// The next sample is no longer in the window.
+    SampleGap,
+    /// The program was paused while it moved the arm.
+    Paused,
     /// A register held something this program does not know.
     Unknown(i32),
+}
+
+impl Fault {
+    /// From the number in the register; none for 0.
+    pub(crate) fn from_code(code: i32) -> Option<Self> {
+        Some(match code {
+            0 => return None,
+            1 => Self::ClientSilent,
+            2 => Self::ServoLead,
+            3 => Self::UnknownCommand,
+            4 => Self::Starved,
+            5 => Self::SampleStep,
+            6 => Self::SampleGap,
+            7 => Self::Paused,
+            other => Self::Unknown(other),
+        })
+    }
 }
 
 /// Where the services of one controller are.
@@ -152,11 +185,11 @@ pub struct Options {
     pub tcp_offset: [f64; 6],
     /// Mass at the flange, kg.
     pub payload_kg: f64,
-    /// States per second; 125 is every cycle of a CB3.
-    pub frequency_hz: f64,
+    /// The robot that must be there; any if none is named.
+    pub expected: Option<Expected>,
     /// What `connect` may do to the arm.
     pub startup: Startup,
-    /// How `Servo` follows.
+    /// How a stream is followed.
     pub servo: Servo,
     /// Deceleration of `stopj`.
     pub stop_accel_rad_s2: f64,
@@ -173,18 +206,19 @@ pub struct Options {
 }
 
 impl Options {
-    /// A CB3 arm without tool: every cycle, short lookahead, 10 silent cycles.
+    /// Any arm without tool: short lookahead, 10 silent cycles.
     pub fn new(endpoint: Endpoint) -> Self {
         Self {
             endpoint,
             tcp_offset: [0.0; 6],
             payload_kg: 0.5,
-            frequency_hz: 125.0,
+            expected: None,
             startup: Startup::PowerOn,
             servo: Servo {
                 lookahead_s: 0.03,
                 gain: 600.0,
                 max_lead_rad: 0.3,
+                max_speed_rad_s: 3.2,
             },
             stop_accel_rad_s2: 4.0,
             stop_accel_m_s2: 1.5,
@@ -212,8 +246,10 @@ pub struct Servo {
     pub lookahead_s: f64,
     /// 100..2000.
     pub gain: f64,
-    /// Largest distance of any joint from its target; beyond it the program refuses with [`Fault::ServoLead`].
+    /// Largest distance of any joint from its sample; beyond it the program refuses with [`Fault::ServoLead`].
     pub max_lead_rad: f64,
+    /// Largest speed of any joint from sample to sample; beyond it the program refuses with [`Fault::SampleStep`].
+    pub max_speed_rad_s: f64,
 }
 
 impl Command {
@@ -224,7 +260,7 @@ impl Command {
     pub fn check(&self) -> Result<(), Error> {
         match self {
             Self::Hold | Self::Stop => Ok(()),
-            Self::Servo { joints_rad } => check_joints(joints_rad),
+            Self::Stream(window) => window.joints_rad.iter().try_for_each(check_joints),
             Self::MoveL {
                 base_from_tool,
                 speed_m_s,
@@ -248,9 +284,12 @@ impl Command {
         }
     }
 
-    /// Both belong to one execution: the same move kept alive, or the next sample of a servo stream.
+    /// Both belong to one execution: the same move kept alive, or the next window of a stream.
     pub(crate) fn continues(&self, before: &Self) -> bool {
-        matches!((self, before), (Self::Servo { .. }, Self::Servo { .. })) || self == before
+        match (self, before) {
+            (Self::Stream(next), Self::Stream(before)) => next.first >= before.first,
+            _ => self == before,
+        }
     }
 }
 

@@ -1,20 +1,50 @@
 //! The URScript program that runs on the controller while a [`Controller`](crate::Controller) is connected.
 //!
-//! Each cycle it reads a command from input registers and reports in output registers; all in the upper range 24..47
-//! that is meant for external clients:
+//! Each cycle it reads a package of input registers and reports in output registers, all in the upper range 24..47 that
+//! is meant for RTDE clients (software 3.9 or 5.3):
 //!
 //! | register | input | output |
 //! |---|---|---|
 //! | int 24 | counter, changes with every package | session: this program runs |
-//! | int 25 | mode: 0 hold, 1 servo, 2 movel, 3 movej, 4 stop | sequence running |
-//! | int 26 | sequence, changes with every new command | sequence done |
-//! | int 27 | session of the client | fault |
-//! | int 28 | 1: the fault was seen | missed cycles |
-//! | double 24..29 | target: joints, or base from tool | |
-//! | double 30, 31 | speed, acceleration | |
+//! | int 25 | mode: 0 hold, 1 stream, 2 movel, 3 movej, 4 stop | sequence running |
+//! | int 26 | sequence, grows with every new command | sequence done |
+//! | int 27 | session of the client | fault, 0 for none |
+//! | int 28 | 1: the fault was seen | missed: cycles since the last package |
+//! | int 29 | stream: number of the first sample in this package | number of the sample commanded last |
+//! | int 30 | stream: number of its last sample, 0 if not known yet | beat, changes as long as the program lives |
+//! | int 31 | check | |
+//! | double 24..47 | stream: four samples of six joints; moves: target (24..29), speed (30), acceleration (31) | |
 //!
-//! Registers outlive their writers on both sides, so both name the session, a number new at each upload: a program never
-//! obeys what an earlier client left behind, a client never believes what an earlier program reported.
+//! The check is `floor(1e5 sum(i v_i))` over the doubles v_1 .. v_24 plus 7, 11, 13, 17, 19, 23 times counter, mode,
+//! sequence, seen, first and last, each modulo 997. **A package that fails it, or names another session, is as if it had
+//! not come.** Its samples are copied, so that what comes later cannot change what is being read.
+//!
+//! Rules, by what the program does:
+//!
+//! | state | what it does | what ends it |
+//! |---|---|---|
+//! | hold | Nothing moves; servoj is not called. | A new sequence. |
+//! | stream | Each call of `servoj` consumes the next number; at a speed scaling below 1 the call takes longer, so the path is stretched and no sample is skipped. A package that is late or lost is bridged from the three samples that follow in the last one. The last sample is held. | A new sequence; a fault. |
+//! | movel, movej | The controller's own move, in a thread. | Its end; a new sequence; a fault. |
+//! | fault | It has stopped the arm (`stopl` out of a movel, else `stopj`), tells the fault and obeys nothing. | A hold whose client has seen the fault. |
+//!
+//! | fault | when |
+//! |---|---|
+//! | 1 client silent | Moving, and no package for [`Options::silent_cycles`]. |
+//! | 2 lead | A sample farther from the measured joints than [`Servo::max_lead_rad`](crate::Servo::max_lead_rad). |
+//! | 3 unknown command | A mode that is none of the above. |
+//! | 4 starved | The window is used up: the arm stops, and does not go on when samples come later. |
+//! | 5 step | A sample farther from the one before than [`Servo::max_speed_rad_s`](crate::Servo::max_speed_rad_s) allows. |
+//! | 6 gap | The sample due is older than the window. |
+//! | 7 paused | More packages came than cycles were run: somebody paused the program and resumed it. |
+//!
+//! **No old target is ever continued.** A stop, a fault or a new command forgets what moved before. Sequences only grow, so
+//! that a late or repeated package starts nothing. A program that is started again takes what it finds in its registers
+//! for done. Registers outlive their writers on both sides, so both name the session, a number new at each upload: a
+//! program never obeys what an earlier client left behind, a client never believes what an earlier program reported.
+//!
+//! `servoj` and `stopj` behave here as the manual tells and the simulated controller does; how a real arm decelerates
+//! between the `kill` of a motion thread and the `stopj` after it is to be seen at a real arm.
 
 use std::fmt::Write;
 
@@ -45,6 +75,12 @@ pub fn text(options: &Options, session: i32) -> Result<String, Error> {
         "0.001 to 3.2",
     )?;
     in_range(
+        "servo.max_speed_rad_s",
+        servo.max_speed_rad_s,
+        1e-3..=20.0,
+        "0.001 to 20",
+    )?;
+    in_range(
         "stop_accel_rad_s2",
         options.stop_accel_rad_s2,
         0.1..=80.0,
@@ -68,6 +104,7 @@ pub fn text(options: &Options, session: i32) -> Result<String, Error> {
         ("@STOP_ACCEL_RAD_S2@", number(options.stop_accel_rad_s2)),
         ("@STOP_ACCEL_M_S2@", number(options.stop_accel_m_s2)),
         ("@MAX_LEAD_RAD@", number(servo.max_lead_rad)),
+        ("@MAX_SPEED_RAD_S@", number(servo.max_speed_rad_s)),
         ("@LOOKAHEAD_S@", number(servo.lookahead_s)),
         ("@GAIN@", number(servo.gain)),
     ];

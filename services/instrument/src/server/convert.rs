@@ -144,6 +144,7 @@ pub(super) fn operation(report: &Report, repeated: bool) -> common::Operation {
         OperationState::Done => common::OperationState::Done,
         OperationState::Failed => common::OperationState::Failed,
         OperationState::Stopped => common::OperationState::Stopped,
+        OperationState::InDoubt => common::OperationState::InDoubt,
     };
     common::Operation {
         operation_id: operation.id.clone(),

@@ -1,16 +1,14 @@
-//! An ideal robot in memory behind [`RobotLink`]: it follows every servo target at once, and its clock
-//! advances by one period with each state.
+//! An ideal robot in memory behind [`RobotLink`]: it follows every sample of a stream at once, consumes them as the
+//! program on a controller does, and its clock advances by one period with each state.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use arthro_geometry::frame::{Base, Tool};
-use arthro_geometry::{Rigid, Rotation, Vector3};
 use ur_link::{
-    Command, Error, ProgramState, RobotLink, RobotMode, RuntimeState, SafetyMode, State,
+    Command, Error, Fault, ProgramState, RobotLink, RobotMode, RuntimeState, SafetyMode, State,
 };
 
 use crate::arm::Connect;
-use crate::kinematics::{Joints, ToolArm};
+use crate::kinematics::Joints;
 
 pub const PERIOD_S: f64 = 0.008;
 
@@ -19,7 +17,6 @@ pub const PERIOD_S: f64 = 0.008;
 pub struct FakeRobot(Arc<Mutex<Robot>>);
 
 pub struct Robot {
-    arm: ToolArm,
     pub time_s: f64,
     /// Added to the clock once.
     pub gap_s: f64,
@@ -27,25 +24,34 @@ pub struct Robot {
     /// What the encoders show beside the truth.
     pub encoder_error: Joints,
     speeds: Joints,
+    /// Share of the next sample's time that has passed.
+    sample_share: f64,
     pub scaling: f64,
     pub safety_mode: SafetyMode,
     pub program: ProgramState,
     /// Every command received.
     pub commands: Vec<Command>,
+    /// Every sample of a stream that the joints followed.
+    pub followed: Vec<Joints>,
+    /// Packages that get lost on their way.
+    pub packages_to_lose: usize,
+    /// No states come.
+    pub silent: bool,
+    pub runtime_state: RuntimeState,
     /// Links fail and none can be made.
     pub unreachable: bool,
     pub links_made: usize,
 }
 
 impl FakeRobot {
-    pub fn new(arm: ToolArm, joints: Joints) -> Self {
+    pub fn new(joints: Joints) -> Self {
         Self(Arc::new(Mutex::new(Robot {
-            arm,
             time_s: 100.0,
             gap_s: 0.0,
             joints,
             encoder_error: [0.0; 6],
             speeds: [0.0; 6],
+            sample_share: 0.0,
             scaling: 1.0,
             safety_mode: SafetyMode::Normal,
             program: ProgramState {
@@ -53,6 +59,10 @@ impl FakeRobot {
                 ..ProgramState::default()
             },
             commands: Vec::new(),
+            followed: Vec::new(),
+            packages_to_lose: 0,
+            silent: false,
+            runtime_state: RuntimeState::Playing,
             unreachable: false,
             links_made: 0,
         })))
@@ -73,6 +83,7 @@ impl Connect for FakeRobot {
             return Err(Error::Closed { service: "rtde" });
         }
         robot.links_made += 1;
+        robot.runtime_state = RuntimeState::Playing;
         robot.program = ProgramState {
             ready: true,
             ..ProgramState::default()
@@ -82,8 +93,15 @@ impl Connect for FakeRobot {
 }
 
 impl RobotLink for FakeRobot {
+    fn period_s(&self) -> f64 {
+        PERIOD_S
+    }
+
     async fn next_state(&mut self) -> Result<State, Error> {
         tokio::task::yield_now().await;
+        while self.lock().silent {
+            tokio::time::sleep(std::time::Duration::from_millis(1)).await;
+        }
         let mut robot = self.lock();
         if robot.unreachable {
             return Err(Error::Closed { service: "rtde" });
@@ -94,13 +112,21 @@ impl RobotLink for FakeRobot {
 
     async fn send(&mut self, command: &Command) -> Result<(), Error> {
         let mut robot = self.lock();
+        if robot.packages_to_lose > 0 {
+            robot.packages_to_lose -= 1;
+            return Ok(());
+        }
         let continues = match (robot.commands.last(), command) {
-            (Some(Command::Servo { .. }), Command::Servo { .. }) => true,
+            (Some(Command::Stream(before)), Command::Stream(next)) => next.first >= before.first,
             (before, command) => before == Some(command),
         };
         if !continues {
             robot.program.sequence_sent += 1;
             robot.program.sequence_running = robot.program.sequence_sent;
+            robot.program.sample_consumed = 0;
+            if *command == Command::Hold {
+                robot.program.fault = None;
+            }
         }
         robot.commands.push(*command);
         Ok(())
@@ -110,46 +136,29 @@ impl RobotLink for FakeRobot {
 impl Robot {
     fn advance(&mut self) {
         self.time_s += PERIOD_S + std::mem::take(&mut self.gap_s);
-        let (next, finished) = match self.commands.last() {
-            None | Some(Command::Hold | Command::Stop) => (self.joints, true),
-            Some(Command::Servo { joints_rad }) => (*joints_rad, false),
-            Some(Command::MoveJ {
-                joints_rad,
-                speed_rad_s,
-                ..
-            }) => {
-                let step = speed_rad_s * PERIOD_S;
-                let next = std::array::from_fn(|i| {
-                    self.joints[i] + (joints_rad[i] - self.joints[i]).clamp(-step, step)
-                });
-                (next, next == *joints_rad)
+        let before = self.joints;
+        if let Some(Command::Stream(window)) = self.commands.last().copied()
+            && self.program.fault.is_none()
+            && self.program.ready
+        {
+            self.sample_share += self.scaling;
+            if self.sample_share >= 1.0 - 1e-9 {
+                self.sample_share = 0.0;
+                let number = self.program.sample_consumed + 1;
+                if let Some((_, joints)) = window.samples().find(|(n, _)| *n == number) {
+                    self.joints = *joints;
+                    self.program.sample_consumed = number;
+                    self.followed.push(*joints);
+                } else if window.last.is_none_or(|last| number <= last) {
+                    self.program.fault = Some(Fault::Starved);
+                } else {
+                    self.program.sequence_done = self.program.sequence_running;
+                }
             }
-            Some(Command::MoveL {
-                base_from_tool,
-                speed_m_s,
-                ..
-            }) => self.along_line(base_from_tool, speed_m_s * 1e3 * PERIOD_S),
-        };
-        self.speeds = std::array::from_fn(|i| (next[i] - self.joints[i]) / PERIOD_S);
-        self.joints = next;
-        if finished {
+        } else {
             self.program.sequence_done = self.program.sequence_running;
         }
-    }
-
-    fn along_line(&self, pose: &[f64; 6], step_mm: f64) -> (Joints, bool) {
-        let end: Rigid<Base, Tool> = Rigid::new(
-            Rotation::from_scaled_axis(Vector3::new(pose[3], pose[4], pose[5])),
-            Vector3::new(pose[0], pose[1], pose[2]) * 1e3,
-        );
-        let here = self.arm.base_from_tool(&self.joints);
-        let left_mm = (end.origin() - here.origin()).norm();
-        let share = (step_mm / left_mm.max(1e-9)).min(1.0);
-        let next = Rigid::new(
-            here.rotation().slerp(&end.rotation(), share),
-            here.translation_mm().lerp(&end.translation_mm(), share),
-        );
-        (self.arm.joints(&next, &self.joints).unwrap(), share >= 1.0)
+        self.speeds = std::array::from_fn(|i| (self.joints[i] - before[i]) / PERIOD_S);
     }
 
     fn state(&self) -> State {
@@ -161,7 +170,7 @@ impl Robot {
             actual_tcp_pose: [0.0; 6],
             robot_mode: RobotMode::Running,
             safety_mode: self.safety_mode,
-            runtime_state: RuntimeState::Playing,
+            runtime_state: self.runtime_state,
             speed_scaling: self.scaling,
             target_speed_fraction: self.scaling,
             program: self.program,

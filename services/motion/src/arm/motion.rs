@@ -1,40 +1,47 @@
 //! A move under way: what to command next, how far it is, and when it has arrived.
+//!
+//! Every move is a stream of joint samples, one for each controller cycle of its nominal time. Sample n is a function of
+//! n alone: whatever the speed slider, late packages or the pace of a simulated clock do, the arm is commanded the same
+//! samples in the same order, and only the time that they take differs.
 
-use arthro_geometry::Rigid;
-use arthro_geometry::frame::{Base, Tool};
 use tokio::sync::watch;
-use ur_link::{Command, State};
+use ur_link::{Command, State, Stream};
 
 use crate::command::{Authorization, Progress};
+use crate::error::Error;
+use crate::free_way::FreeWay;
 use crate::kinematics::{Joints, ToolArm, largest_difference};
 use crate::limits::Limits;
 use crate::plan::Plan;
 use crate::supervisor::{Observation, Regime};
 use crate::trajectory::Trajectory;
 
-/// How fast the rate of a stream follows the controller's speed scaling, 1/s.
-const RATE_SLEW_PER_S: f64 = 2.0;
-/// A stream advances by at most this many periods a state: late states stretch it and skip nothing.
-const ADVANCE_MAX_PERIODS: f64 = 1.5;
 /// A joint this near to its target has arrived, rad: 0.1 mm at a lever of 300 mm.
 const ARRIVED_RAD: f64 = 3e-4;
-/// A tip this near to its target has arrived, mm.
-const ARRIVED_MM: f64 = 0.3;
 /// A joint slower than this stands, rad/s.
 pub const STANDING_RAD_S: f64 = 0.005;
-/// Controller time for arriving once the last target was commanded, s.
+/// Controller time at nominal speed for arriving once the last sample was commanded, s.
 const SETTLE_S: f64 = 2.0;
+/// Longest move, in samples: an hour at 500 a second.
+const SAMPLES_MAX: f64 = 1_800_000.0;
 
 /// One move of one arm.
 pub struct Motion {
     /// Who asked for it.
     pub by: Authorization,
-    course: Course,
+    way: Way,
+    regime: Regime,
+    stream: Stream,
+    period_s: f64,
+    /// Number of the last sample.
+    last: i32,
+    /// The sample pushed last.
+    joints: Joints,
     progress: watch::Sender<Progress>,
     fraction: f64,
     rcm_deviation_max_mm: f64,
-    /// Controller time at which the last target was commanded.
-    settling_since_s: Option<f64>,
+    /// Time at nominal speed since the last sample was commanded, s.
+    settling_s: f64,
 }
 
 /// What a controller cycle of a motion comes to.
@@ -47,75 +54,49 @@ pub enum Step {
     Failed(&'static str, String),
 }
 
-enum Course {
-    Stream {
-        trajectory: Box<Trajectory>,
-        regime: Regime,
-        time_s: f64,
-        rate: Option<f64>,
-        joints: Joints,
-    },
-    Controller {
-        command: Command,
-        target: Target,
-        extent: f64,
-        sent: bool,
-    },
-}
-
-/// Where the controller's own move ends.
-enum Target {
-    Tool(Rigid<Base, Tool>),
-    Joints(Joints),
+enum Way {
+    Portal(Box<Trajectory>),
+    Outside(Box<FreeWay>),
 }
 
 impl Motion {
-    /// Begins a plan from the commanded joints `start`.
+    /// Begins a plan from the commanded joints `start`, for a controller with this period.
+    ///
+    /// # Errors
+    /// A way outside that the arm cannot follow.
     pub fn new(
         by: Authorization,
         plan: Plan,
         start: Joints,
         arm: &ToolArm,
         limits: &Limits,
-    ) -> (Self, watch::Receiver<Progress>) {
-        let course = match plan {
-            Plan::Stream { trajectory, regime } => Course::Stream {
-                trajectory,
-                regime,
-                time_s: 0.0,
-                rate: None,
-                joints: start,
-            },
+        period_s: f64,
+    ) -> Result<(Self, watch::Receiver<Progress>), Error> {
+        let (way, regime) = match plan {
+            Plan::Stream { trajectory, regime } => (Way::Portal(trajectory), regime),
             Plan::Line {
                 base_from_tool,
                 speed_mm_s,
             } => {
-                let from = arm.base_from_tool(&start);
-                Course::Controller {
-                    command: Command::MoveL {
-                        base_from_tool: pose_m_rotvec(&base_from_tool),
-                        speed_m_s: speed_mm_s * 1e-3,
-                        accel_m_s2: limits.free_acceleration_mm_s2 * 1e-3,
-                    },
-                    extent: (base_from_tool.origin() - from.origin()).norm(),
-                    target: Target::Tool(base_from_tool),
-                    sent: false,
-                }
+                let way = FreeWay::line(*arm, &start, base_from_tool, speed_mm_s, limits)?;
+                (Way::Outside(Box::new(way)), Regime::Outside)
             }
             Plan::Joints {
                 joints_rad,
                 speed_rad_s,
-            } => Course::Controller {
-                command: Command::MoveJ {
-                    joints_rad,
-                    speed_rad_s,
-                    accel_rad_s2: limits.joint_acceleration_rad_s2,
-                },
-                extent: largest_difference(&joints_rad, &start).1,
-                target: Target::Joints(joints_rad),
-                sent: false,
-            },
+            } => {
+                let way = FreeWay::joints(*arm, &start, &joints_rad, speed_rad_s, limits)?;
+                (Way::Outside(Box::new(way)), Regime::Outside)
+            }
         };
+        // A tenth of a sample of rounding must not add another.
+        let samples = (way.duration_s() / period_s - 0.1).ceil();
+        if !(..=SAMPLES_MAX).contains(&samples) {
+            return Err(Error::TooSlow {
+                duration_s: way.duration_s(),
+                limit_s: SAMPLES_MAX * period_s,
+            });
+        }
         let (progress, follow) = watch::channel(Progress {
             operation: by.running(),
             fraction: 0.0,
@@ -123,91 +104,79 @@ impl Motion {
         });
         let motion = Self {
             by,
-            course,
+            way,
+            regime,
+            stream: Stream::new(),
+            period_s,
+            last: (samples as i32).max(1),
+            joints: start,
             progress,
             fraction: 0.0,
             rcm_deviation_max_mm: 0.0,
-            settling_since_s: None,
+            settling_s: 0.0,
         };
-        (motion, follow)
+        Ok((motion, follow))
     }
 
     /// Which rules hold for it.
     pub fn regime(&self) -> Regime {
-        match &self.course {
-            Course::Stream { regime, .. } => *regime,
-            Course::Controller { .. } => Regime::Outside,
-        }
+        self.regime
     }
 
     /// Takes note of what was measured, and decides what to command.
-    pub fn step(&mut self, state: &State, seen: &Observation, period_s: f64) -> Step {
+    pub fn step(&mut self, state: &State, seen: &Observation) -> Step {
         if let Some(placement) = seen.placement.filter(|_| seen.inside) {
             self.rcm_deviation_max_mm = self.rcm_deviation_max_mm.max(placement.deviation_mm());
         }
-        let advance_s = seen.gap_s.clamp(0.0, ADVANCE_MAX_PERIODS * period_s);
-        let (commanded_all, arrived, command) = match &mut self.course {
-            Course::Stream {
-                trajectory,
-                time_s,
-                rate,
-                joints,
-                ..
-            } => {
-                let scaling = state.speed_scaling.clamp(0.0, 1.0);
-                let slew = RATE_SLEW_PER_S * advance_s;
-                let now = rate.map_or(scaling, |rate| rate + (scaling - rate).clamp(-slew, slew));
-                *rate = Some(now);
-                *time_s += advance_s * now;
-                match trajectory.sample(*time_s, joints) {
-                    Ok(next) => *joints = next,
-                    Err(error) => return Step::Failed("NO_SAMPLE", error.to_string()),
-                }
-                self.fraction = trajectory.fraction(*time_s);
-                let done = *time_s >= trajectory.duration_s();
-                let arrived = largest_difference(joints, &state.actual_q).1 <= ARRIVED_RAD;
-                let command = Command::Servo {
-                    joints_rad: *joints,
-                };
-                (done, arrived, command)
-            }
-            Course::Controller {
-                command,
-                target,
-                extent,
-                sent,
-            } => {
-                let done = *sent && state.program.finished();
-                *sent = true;
-                let (left, near) = match target {
-                    Target::Tool(end) => {
-                        let left = (end.origin() - seen.base_from_tool.origin()).norm();
-                        (left, ARRIVED_MM)
-                    }
-                    Target::Joints(end) => {
-                        let left = largest_difference(end, &state.actual_q).1;
-                        (left, ARRIVED_RAD)
-                    }
-                };
-                let fraction = 1.0 - left / extent.max(near);
-                self.fraction = self.fraction.max(fraction.clamp(0.0, 1.0));
-                (done, left <= near, *command)
-            }
-        };
+        let consumed = state.program.sample_consumed;
+        if let Err(error) = self.stream.consume(consumed) {
+            return Step::Failed("STREAM_BROKEN", error.to_string());
+        }
+        if let Err(error) = self.fill() {
+            return Step::Failed("NO_SAMPLE", error.to_string());
+        }
+        self.fraction = self.way.fraction(f64::from(consumed) * self.period_s);
         self.publish();
-        if !commanded_all {
+        let Some(window) = self.stream.window() else {
+            // Filled above.
+            return Step::Failed("NO_SAMPLE", "the window is not full".to_owned());
+        };
+        let command = Command::Stream(window);
+        if !self.stream.is_consumed() {
             return Step::Go(command);
         }
-        let since_s = *self.settling_since_s.get_or_insert(state.timestamp_s);
+        let arrived = largest_difference(&self.joints, &state.actual_q).1 <= ARRIVED_RAD;
         if arrived && stands(state) {
             self.fraction = 1.0;
             return Step::Arrived;
         }
-        if state.timestamp_s - since_s > SETTLE_S {
+        // A slider far down makes the rest of the way as slow as the way before it.
+        self.settling_s += seen.gap_s * state.speed_scaling.clamp(0.0, 1.0);
+        // A NaN is in no range.
+        if !(..=SETTLE_S).contains(&self.settling_s) {
             let detail = format!("the arm has not come to stand at its target within {SETTLE_S} s");
             return Step::Failed("TARGET_MISSED", detail);
         }
         Step::Go(command)
+    }
+
+    /// Computes the samples that the window lacks.
+    fn fill(&mut self) -> Result<(), Error> {
+        while self.stream.wants() {
+            let number = self.stream.next_number();
+            let is_last = number >= self.last;
+            let time_s = if is_last {
+                self.way.duration_s()
+            } else {
+                f64::from(number) * self.period_s
+            };
+            self.joints = self.way.sample(time_s, &self.joints)?;
+            self.stream.push(self.joints);
+            if is_last {
+                self.stream.end();
+            }
+        }
+        Ok(())
     }
 
     /// For people: what was measured on the way.
@@ -241,6 +210,29 @@ impl Motion {
     }
 }
 
+impl Way {
+    fn duration_s(&self) -> f64 {
+        match self {
+            Self::Portal(trajectory) => trajectory.duration_s(),
+            Self::Outside(way) => way.duration_s(),
+        }
+    }
+
+    fn fraction(&self, time_s: f64) -> f64 {
+        match self {
+            Self::Portal(trajectory) => trajectory.fraction(time_s),
+            Self::Outside(way) => way.fraction(time_s),
+        }
+    }
+
+    fn sample(&self, time_s: f64, before: &Joints) -> Result<Joints, Error> {
+        match self {
+            Self::Portal(trajectory) => trajectory.sample(time_s, before),
+            Self::Outside(way) => way.sample(time_s, before),
+        }
+    }
+}
+
 /// Whether no joint moves.
 pub fn stands(state: &State) -> bool {
     state
@@ -249,9 +241,5 @@ pub fn stands(state: &State) -> bool {
         .all(|speed| speed.abs() <= STANDING_RAD_S)
 }
 
-/// The driver's form of a pose: m and rotation vector.
-fn pose_m_rotvec(base_from_tool: &Rigid<Base, Tool>) -> [f64; 6] {
-    let tip = base_from_tool.translation_mm() * 1e-3;
-    let rotation = base_from_tool.rotation().scaled_axis();
-    [tip.x, tip.y, tip.z, rotation.x, rotation.y, rotation.z]
-}
+#[cfg(test)]
+mod tests;

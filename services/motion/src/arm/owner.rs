@@ -57,7 +57,6 @@ impl<C: Connect> Owner<C> {
 
     /// Tries until a link is up; refuses what is asked meanwhile. None when every handle is gone.
     async fn connect(&mut self) -> Option<C::Link> {
-        let mut last_error = String::new();
         loop {
             let Self {
                 connector,
@@ -67,10 +66,11 @@ impl<C: Connect> Owner<C> {
                 stops_served,
                 pilot,
             } = self;
+            let reconnect = pilot.options.reconnect;
             let attempt = async {
                 let outcome = connector.connect().await;
                 if outcome.is_err() {
-                    tokio::time::sleep(pilot.options.reconnect).await;
+                    tokio::time::sleep(reconnect).await;
                 }
                 outcome
             };
@@ -88,27 +88,21 @@ impl<C: Connect> Owner<C> {
             };
             match outcome {
                 Ok(link) => return Some(link),
-                Err(error) => {
+                // The same error again and again is told once.
+                Err(error) if pilot.note_no_link(&error) => {
                     let error = chain(&error);
-                    // The same error again and again is told once.
-                    if error != last_error {
-                        tracing::warn!(
-                            arm = pilot.options.name,
-                            error,
-                            "no link to the controller"
-                        );
-                        last_error = error;
-                    }
+                    tracing::warn!(arm = pilot.options.name, error, "no link to the controller");
                 }
+                Err(_) => {}
             }
         }
     }
 
     /// One command for each state, until the link fails. None when every handle is gone and the arm stands.
     async fn drive(&mut self, mut link: C::Link) -> Option<ur_link::Error> {
-        self.pilot.begin_link();
+        self.pilot.begin_link(link.period_s());
         loop {
-            let state = match link.next_state().await {
+            let state = match self.next_state(&mut link).await {
                 Ok(state) => state,
                 Err(error) => return Some(error),
             };
@@ -126,6 +120,20 @@ impl<C: Connect> Owner<C> {
                 });
             }
         }
+    }
+
+    /// The next state. A link that falls silent while the arm moves is told to stop, once, and then waited for: it fails
+    /// by itself when it stays silent.
+    async fn next_state(&mut self, link: &mut C::Link) -> Result<State, ur_link::Error> {
+        let silence = self.pilot.options.silence;
+        if let Ok(outcome) = tokio::time::timeout(silence, link.next_state()).await {
+            return outcome;
+        }
+        if let Some(command) = self.pilot.fall_silent() {
+            link.send(&command).await?;
+            self.publish();
+        }
+        link.next_state().await
     }
 
     fn cycle(&mut self, state: &State) -> Command {
@@ -163,7 +171,7 @@ impl<C: Connect> Owner<C> {
             if let Some(state) = self.pilot.state() {
                 published.state = Some(state);
             } else if let Some(last) = &mut published.state {
-                last.moving = false;
+                last.connected = false;
                 last.operation_id = None;
                 last.fault = self.pilot.fault.clone();
             }

@@ -3,35 +3,45 @@
 use std::sync::Arc;
 
 use arthro_authority::{Operation, Outcome};
-use arthro_geometry::Point3;
 use tokio::sync::watch;
-use ur_link::{Command, State};
+use ur_link::{Command, RuntimeState, State};
 
 use super::motion::{Motion, Step, stands};
 use super::owner::chain;
 use super::{ArmOptions, ArmState, DoneReply, Fault, MoveReply, Request};
 use crate::command::{Authorization, Commander, Progress};
-use crate::error::Error;
+use crate::error::{Error, link_reason};
 use crate::kinematics::largest_difference;
 use crate::plan::{Move, Situation};
+use crate::rcm::Portal;
 use crate::supervisor::{Measured, Observation, Regime, Supervisor};
 
 /// Joints farther than this from where they were commanded are not at rest, rad.
 const APART_RAD: f64 = 0.02;
 /// Controller time that the program may be missing before a new link starts it again, s.
 const PROGRAM_MISSING_S: f64 = 1.0;
+/// States that may be missing, in periods of the controller, before it is worth a warning.
+const LATE_PERIODS: f64 = 3.0;
+/// A speed slider below this is at zero.
+const SLIDER_MIN: f64 = 1e-3;
 
 /// Decides for one arm.
 pub struct Pilot {
     pub options: Arc<ArmOptions>,
     pub commander: Commander,
     supervisor: Supervisor,
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     activity: Activity,
     pub fault: Option<Fault>,
     /// The last state of this link.
     pub latest: Option<(State, Observation)>,
     program_missing_since_s: Option<f64>,
+    /// Of the controller of this link, s.
+    period_s: f64,
+    states_missed: u64,
+    states_late: bool,
+    /// Why there is no link, when there is none.
+    no_link: (&'static str, String),
     /// Given once the state that they speak of is published.
     pub answers: Vec<Answer>,
 }
@@ -59,26 +69,44 @@ impl Pilot {
         Self {
             supervisor: Supervisor::new(options.arm, options.limits.clone()),
             portal: options.portal,
+            period_s: options.period_s,
             options,
             commander,
             activity: Activity::Standing,
             fault: None,
             latest: None,
             program_missing_since_s: None,
+            states_missed: 0,
+            states_late: false,
+            no_link: ("NOT_CONNECTED", "no attempt has ended yet".to_owned()),
             answers: Vec::new(),
         }
     }
 
-    pub fn begin_link(&mut self) {
+    /// A new link is up. It moves nothing.
+    pub fn begin_link(&mut self, period_s: f64) {
         self.supervisor.forget_time();
         self.program_missing_since_s = None;
+        self.period_s = period_s;
+        self.states_missed = 0;
+        self.states_late = false;
+    }
+
+    /// An attempt to connect failed. True if it failed otherwise than the one before.
+    pub fn note_no_link(&mut self, error: &ur_link::Error) -> bool {
+        let no_link = (link_reason(error), chain(error));
+        let news = no_link != self.no_link;
+        self.no_link = no_link;
+        news
     }
 
     /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
     pub fn observe(&mut self, state: &State) {
         let measured = measured(state);
-        let seen = self.supervisor.observe(&measured, self.portal.as_ref());
+        let portal = self.portal.map(|portal| portal.point);
+        let seen = self.supervisor.observe(&measured, portal.as_ref());
         self.latest = Some((*state, seen));
+        self.count_missed(seen.gap_s);
         let regime = match &self.activity {
             Activity::Moving(motion) => motion.regime(),
             Activity::Standing | Activity::Stopping { .. } => Regime::Standing,
@@ -93,12 +121,47 @@ impl Pilot {
             let detail = format!("the program on the controller stopped the arm: {fault:?}");
             self.latch("CONTROLLER_FAULT", detail);
         } else if !state.program.ready {
-            let detail = "the program on the controller ended during a move".to_owned();
+            let detail = match state.runtime_state {
+                RuntimeState::Playing => "another program replaced ours during a move".to_owned(),
+                other => format!("our program ended during a move; the controller is {other}"),
+            };
             self.latch("PROGRAM_ENDED", detail);
         } else if let Err(refusal) = self.commander.check(motion.by.fencing_token) {
             tracing::warn!(arm = self.options.name, %refusal, "lease lost during a move");
             self.stop(refusal.reason(), &refusal.to_string());
         }
+    }
+
+    /// A few states that do not come are bridged by the window; it is worth knowing all the same.
+    fn count_missed(&mut self, gap_s: f64) {
+        let periods = gap_s / self.period_s;
+        // The clock of a controller that was started again goes back.
+        self.states_missed += (periods.round() - 1.0).max(0.0) as u64;
+        let late = periods > LATE_PERIODS + 0.5;
+        if late && !self.states_late {
+            tracing::warn!(
+                arm = self.options.name,
+                gap_s,
+                period_s = self.period_s,
+                states_missed = self.states_missed,
+                "states of the controller come late"
+            );
+        }
+        self.states_late = late;
+    }
+
+    /// No state came for so long on the wall clock. What to send, if anything: a moving arm is stopped, in case that it
+    /// still hears.
+    pub fn fall_silent(&mut self) -> Option<Command> {
+        if self.is_standing() {
+            return None;
+        }
+        let limit_s = self.options.silence.as_secs_f64();
+        self.latch(
+            "STATE_STALE",
+            format!("no state came for {limit_s:.3} s of the wall clock; limit {limit_s:.3} s"),
+        );
+        Some(Command::Stop)
     }
 
     /// What to send for this state.
@@ -122,7 +185,7 @@ impl Pilot {
                 let Some((_, seen)) = &self.latest else {
                     return Command::Stop;
                 };
-                match motion.step(state, seen, self.options.period_s) {
+                match motion.step(state, seen) {
                     Step::Go(command) => command,
                     Step::Arrived => {
                         let detail = motion.summary();
@@ -169,7 +232,7 @@ impl Pilot {
         let situation = Situation {
             arm: &self.options.arm,
             limits: &self.options.limits,
-            period_s: self.options.period_s,
+            period_s: self.period_s,
             portal: self.portal,
             joints_rad: &state.target_q,
             seen: &seen,
@@ -181,7 +244,8 @@ impl Pilot {
             state.target_q,
             &self.options.arm,
             &self.options.limits,
-        );
+            self.period_s,
+        )?;
         self.commander.follow(&by.operation_id, progress.clone());
         self.activity = Activity::Moving(motion);
         tracing::info!(
@@ -209,7 +273,16 @@ impl Pilot {
             return not_ready(format!("its program has yet to clear the fault {fault:?}"));
         }
         if !state.program.ready {
-            return not_ready("its program does not run".to_owned());
+            return not_ready(match state.runtime_state {
+                RuntimeState::Playing => "another program runs on it".to_owned(),
+                other => format!("our program does not run on it: it is {other}"),
+            });
+        }
+        // A NaN is in no range.
+        if !(SLIDER_MIN..).contains(&state.target_speed_fraction) {
+            return Err(Error::SpeedSlider {
+                fraction: state.target_speed_fraction,
+            });
         }
         let (joint, apart_rad) = largest_difference(&state.target_q, &state.actual_q);
         if apart_rad > APART_RAD {
@@ -221,7 +294,7 @@ impl Pilot {
         Ok((state, seen))
     }
 
-    fn set_portal(&mut self, portal: Point3) -> Result<(), Error> {
+    fn set_portal(&mut self, portal: Portal) -> Result<(), Error> {
         let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
         if !self.is_standing() {
             return Err(Error::Moving);
@@ -317,33 +390,57 @@ impl Pilot {
             ..
         } = activity
         {
-            let operation = self.commander.finish(&motion.by.operation_id, outcome);
-            tracing::info!(
-                arm = self.options.name,
-                operation = operation.id,
-                state = ?operation.state,
-                reason = operation.reason,
-                detail = operation.detail,
-                "move ended"
-            );
-            self.answers
-                .push(Answer::Ended(Box::new(motion), operation));
+            self.finish(motion, outcome);
         }
     }
 
-    /// A link that is lost in a move is a fault; the controller stops by itself when it hears nothing.
+    fn finish(&mut self, motion: Motion, outcome: Outcome) {
+        let operation = self.commander.finish(&motion.by.operation_id, outcome);
+        tracing::info!(
+            arm = self.options.name,
+            operation = operation.id,
+            state = ?operation.state,
+            reason = operation.reason,
+            detail = operation.detail,
+            "move ended"
+        );
+        self.answers
+            .push(Answer::Ended(Box::new(motion), operation));
+    }
+
+    /// A link that is lost in a move is a fault. The controller stops by itself when it hears nothing, but nobody has seen
+    /// where: the move ends in doubt.
     pub fn lose_link(&mut self, error: &ur_link::Error) {
-        if !self.is_standing() {
-            let detail = format!("the link was lost during a move: {}", chain(error));
-            self.latch("LINK_LOST", detail);
-            self.come_to_stand();
+        self.note_no_link(error);
+        let activity = std::mem::replace(&mut self.activity, Activity::Standing);
+        let (motion, doing) = match activity {
+            Activity::Standing => (None, None),
+            Activity::Moving(motion) => (Some(motion), Some("during a move")),
+            Activity::Stopping { ends, .. } => (
+                ends.map(|(motion, _)| motion),
+                Some("while the arm was being stopped"),
+            ),
+        };
+        if let Some(doing) = doing {
+            let detail = format!("the link was lost {doing}: {}", chain(error));
+            self.latch("LINK_LOST", detail.clone());
+            // Nothing can be ordered without a link.
+            self.activity = Activity::Standing;
+            if let Some(motion) = motion {
+                let detail = format!("{detail}; it is not known where the arm stopped");
+                let reason = "LINK_LOST".to_owned();
+                self.finish(motion, Outcome::InDoubt { reason, detail });
+            }
         }
         self.latest = None;
     }
 
-    /// Whether our program has been away so long that only a new link brings it back.
+    /// Whether our program has been away so long that only a new link brings it back. While somebody else's runs it is
+    /// left alone: ours would end it.
     pub fn program_is_missing(&mut self, state: &State) -> bool {
-        if state.program.ready || self.fault.is_some() || !self.is_standing() {
+        let another_runs = state.runtime_state != RuntimeState::Stopped;
+        let waits = another_runs || self.fault.is_some() || !self.is_standing();
+        if state.program.ready || waits {
             self.program_missing_since_s = None;
             return false;
         }
@@ -361,6 +458,8 @@ impl Pilot {
         Error::NotConnected {
             arm: self.options.name,
             address: self.options.address.clone(),
+            reason: self.no_link.0,
+            why: self.no_link.1.clone(),
         }
     }
 
@@ -383,6 +482,8 @@ impl Pilot {
             fault: self.fault.clone(),
             speed_scaling: state.speed_scaling,
             operation_id: motion.map(|motion| motion.by.operation_id.clone()),
+            connected: true,
+            states_missed: self.states_missed,
         })
     }
 }

@@ -16,10 +16,13 @@ struct Watch {
 impl Watch {
     /// A standing arm whose tip is `depth_mm` beyond a portal that its shaft passes at `aside_mm`.
     fn with(depth_mm: f64, aside_mm: f64) -> Self {
-        let arm = ToolArm::new(Rigid::new(
-            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-            Vector3::new(0.0, 0.0, 310.0),
-        ));
+        let arm = ToolArm::new(
+            crate::kinematics::model::Model::ur5(),
+            Rigid::new(
+                Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+                Vector3::new(0.0, 0.0, 310.0),
+            ),
+        );
         let pose = arm.base_from_tool(&JOINTS);
         let aside = pose.direction(&Vector3::y()) * aside_mm;
         Self {

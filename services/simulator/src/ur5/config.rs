@@ -8,6 +8,18 @@ use super::{
     series::{Series, Version},
 };
 
+/// Whom sockets of programs may reach.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ScriptNetwork {
+    /// Nobody.
+    None,
+    /// This machine.
+    Loopback,
+    /// Any IP address.
+    Any,
+}
+
 /// What the arm is like and how it starts.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(default, deny_unknown_fields)]
@@ -46,6 +58,8 @@ pub struct Config {
     pub boot_s: f64,
     /// From idle to running.
     pub brake_release_s: f64,
+    /// Whom sockets of programs may reach.
+    pub script_network: ScriptNetwork,
     /// As `get serial number` answers; unset: one of its series.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial_number: Option<String>,
@@ -97,6 +111,7 @@ impl Default for Config {
             control: Control::Remote,
             boot_s: 2.0,
             brake_release_s: 1.0,
+            script_network: ScriptNetwork::Loopback,
             serial_number: None,
         }
     }

@@ -118,9 +118,7 @@ impl Controller {
         let line = line.trim();
         let version = self.robot.config.software();
         let known = COMMANDS.iter().find_map(|(command, since, local)| {
-            let argument = if command.ends_with(' ') {
-                line.strip_prefix(command)?
-            } else if *command == "addToLog" {
+            let argument = if command.ends_with(' ') || *command == "addToLog" {
                 line.strip_prefix(command)?
             } else {
                 (line == *command).then_some("")?
@@ -182,7 +180,10 @@ impl Controller {
             "load" => Some(format!("File not found: {argument}")),
             "load installation" => Some(format!("File not found: {argument}")),
             "popup" => done(true, "showing popup"),
-            "close popup" => done(true, "closing popup"),
+            "close popup" => {
+                self.robot.popup_open = false;
+                done(true, "closing popup")
+            }
             "close safety popup" => done(true, "closing safety popup"),
             "addToLog" if argument.is_empty() => done(true, "No log message to add"),
             "addToLog" => {

@@ -1,12 +1,20 @@
 //! What the motion functions of URScript command: each turns into a [`Motion`] that moves the target of the joints by one
 //! controller cycle at a time.
 
+mod arc;
+mod blend;
+mod chase;
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector6};
 
 use super::{
     kinematics::{self, Dh, Joints},
     profile::Trapezoid,
 };
+
+pub use arc::{Arc, Orientation};
+pub use blend::Blend;
+pub use chase::Chase;
 
 /// Turns an angle into the way that speed and acceleration of a linear move count: 1 rad is as 0.5 m of tool travel.
 /// A model; the real controller's equivalent radius is in its configuration data.
@@ -75,6 +83,12 @@ pub enum Motion {
         /// Per second, in the metric of [`way`].
         accel: f64,
     },
+    /// `movec`.
+    Arc(Box<Arc>),
+    /// `servoc`.
+    Chase(Box<Chase>),
+    /// From one path to the next without a stop.
+    Blend(Box<Blend>),
 }
 
 /// How a cycle of motion ended.
@@ -155,6 +169,24 @@ impl Motion {
             twist,
             speed,
             accel,
+        }
+    }
+
+    /// A path to a goal, which only the thread that began it may replace.
+    pub fn is_path(&self) -> bool {
+        matches!(
+            self,
+            Self::Joints { .. } | Self::Line { .. } | Self::Arc(_) | Self::Blend(_)
+        )
+    }
+
+    /// Where the tool is at the end of a path; `None` for motions without end, and in a corner.
+    pub fn goal(&self, dh: &Dh, flange_from_tool: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+        match self {
+            Self::Joints { to, .. } => Some(dh.flange(to) * flange_from_tool),
+            Self::Line { from, twist, .. } => Some(kinematics::moved(from, twist)),
+            Self::Arc(arc) => Some(arc.goal()),
+            _ => None,
         }
     }
 
@@ -243,6 +275,45 @@ impl Motion {
                     Progress::Reached
                 } else {
                     Progress::Moving
+                }
+            }
+            Self::Arc(arc) => {
+                let (pose, reached) = arc.advance(dt);
+                let Some(next) = dh.inverse(&pose, flange_from_tool, &target.q) else {
+                    return Progress::NoSolution;
+                };
+                target.step_to(next, dt_real);
+                if reached {
+                    Progress::Reached
+                } else {
+                    Progress::Moving
+                }
+            }
+            Self::Chase(chase) => {
+                let (pose, reached) = chase.advance(dt, dt_real);
+                let Some(next) = dh.inverse(&pose, flange_from_tool, &target.q) else {
+                    return Progress::NoSolution;
+                };
+                target.step_to(next, dt_real);
+                if reached {
+                    Progress::Reached
+                } else {
+                    Progress::Moving
+                }
+            }
+            Self::Blend(blend) => {
+                let (next, progress) = blend.advance(dh, flange_from_tool, dt, dt_real);
+                match progress {
+                    Progress::NoSolution => Progress::NoSolution,
+                    Progress::Moving => {
+                        target.step_to(next, dt_real);
+                        Progress::Moving
+                    }
+                    Progress::Reached => {
+                        target.step_to(next, dt_real);
+                        *self = blend.second.clone();
+                        Progress::Moving
+                    }
                 }
             }
             Self::ToolSpeed {

@@ -1,6 +1,8 @@
 //! The arm without its programs: modes, motion, joints, registers. Programs act on it through these methods; it moves
 //! by one cycle at a time.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Translation3};
 use ur_link::{RobotMode, SafetyMode, rtde::wire::Value};
 
@@ -8,9 +10,10 @@ use super::{
     Config,
     joints::{Drives, Limits},
     kinematics::{self, Dh, Joints},
-    motion::{self, Motion, Progress, Target},
+    motion::{self, Blend, Chase, Motion, Progress, Target},
     power::{Breakdown, Button, Power},
     registers::{Bank, Input, Outputs},
+    urscript::{Isolated, Network},
     watchdog::Watchdogs,
 };
 
@@ -73,6 +76,10 @@ pub struct Robot {
     pub payload_cog_m: [f64; 3],
     /// 0..1
     pub speed_slider: f64,
+    /// Where sockets of programs lead.
+    pub network: Arc<dyn Network>,
+    /// A message box waits for a person to close it.
+    pub popup_open: bool,
     /// What clients are told, newest last.
     pub log: Log,
     cycle: u64,
@@ -83,6 +90,10 @@ pub struct Robot {
     owner: Option<ThreadId>,
     ticket: Ticket,
     reached: Ticket,
+    /// How near to its goal the present path may be followed by the next, m.
+    blend_m: f64,
+    /// The present path is that near.
+    blending: bool,
     threads: u64,
     output_masks: [u8; 3],
     slider_unlocked: bool,
@@ -127,6 +138,8 @@ impl Robot {
             payload_kg: 0.0,
             payload_cog_m: [0.0; 3],
             speed_slider: 1.0,
+            network: Arc::new(Isolated),
+            popup_open: false,
             log: Log::default(),
             cycle: 0,
             scaling: 1.0,
@@ -136,6 +149,8 @@ impl Robot {
             owner: None,
             ticket: Ticket(0),
             reached: Ticket(0),
+            blend_m: 0.0,
+            blending: false,
             threads: 0,
             output_masks: [0; 3],
             slider_unlocked: false,
@@ -206,8 +221,32 @@ impl Robot {
         twist.into()
     }
 
+    /// `servoc` from how the tool moves now.
+    pub fn chase(&self, goal: Isometry3<f64>, speed: f64, accel: f64) -> Motion {
+        let tool = self.dh.flange(&self.target.q) * self.flange_from_tool;
+        let chase = match &self.motion {
+            Motion::Chase(chase) => chase.towards(tool, goal, speed, accel),
+            _ => {
+                let twist = self.tool_speed(&self.target.q, &self.target.qd).into();
+                Chase::new(tool, twist, goal, speed, accel)
+            }
+        };
+        Motion::Chase(Box::new(chase))
+    }
+
     /// `speedl` or `stopl` from how the tool moves now.
     pub fn tool_motion(&self, speed: nalgebra::Vector6<f64>, accel: f64) -> Motion {
+        // Of a motion that goes on, the twist is known better than from its last way.
+        if let Motion::ToolSpeed { twist, .. } = &self.motion {
+            let pose = self.dh.flange(&self.target.q) * self.flange_from_tool;
+            let twist = *twist;
+            return Motion::ToolSpeed {
+                pose,
+                twist,
+                speed,
+                accel,
+            };
+        }
         let (step_s, tool) = (self.step_s(), &self.flange_from_tool);
         Motion::tool_speed(&self.dh, &self.target, step_s, tool, speed, accel)
     }
@@ -230,14 +269,84 @@ impl Robot {
                 self.power.safety()
             ));
         }
-        let held = matches!(self.motion, Motion::Joints { .. } | Motion::Line { .. });
-        if held && self.owner.is_some_and(|other| other != owner) {
+        if self.motion.is_path() && self.owner.is_some_and(|other| other != owner) {
             return Err("another thread is already controlling the robot".to_owned());
         }
         self.ticket.0 += 1;
         self.motion = motion;
         self.owner = Some(owner);
+        (self.blend_m, self.blending) = (0.0, false);
         Ok(self.ticket)
+    }
+
+    /// Begins a path that `build` makes from the joints at its start: where the last path ends when the arm is within
+    /// its blend radius, where the arm is otherwise. The next path may begin within `blend_m` of the goal.
+    ///
+    /// # Errors
+    /// As [`Robot::begin`], and what `build` refuses.
+    pub fn begin_path(
+        &mut self,
+        owner: ThreadId,
+        blend_m: f64,
+        build: impl FnOnce(&Self, &Joints) -> Result<Motion, String>,
+    ) -> Result<Ticket, String> {
+        let corner = if self.blending && self.owner == Some(owner) {
+            self.corner()
+        } else {
+            None
+        };
+        let start = corner.unwrap_or(self.target.q);
+        let path = build(self, &start)?;
+        // Of a short way only a half may be cut off.
+        let goal = path.goal(&self.dh, &self.flange_from_tool);
+        let way_m = goal.map_or(0.0, |goal| {
+            let from = self.dh.flange(&start) * self.flange_from_tool;
+            (goal.translation.vector - from.translation.vector).norm()
+        });
+        let motion = match corner {
+            Some(corner) => {
+                let first = self.motion.clone();
+                Motion::Blend(Box::new(Blend::new(first, self.target, corner, path)))
+            }
+            None => path,
+        };
+        let ticket = self.begin(owner, motion)?;
+        self.blend_m = blend_m.min(0.5 * way_m);
+        Ok(ticket)
+    }
+
+    /// The path of this ticket is within its blend radius: the next one may begin.
+    pub fn may_blend(&self, ticket: Ticket) -> bool {
+        self.blending && self.ticket == ticket
+    }
+
+    /// The joints at the goal of the present path.
+    fn corner(&self) -> Option<Joints> {
+        if let Motion::Joints { to, .. } = &self.motion {
+            return Some(*to);
+        }
+        let goal = self.motion.goal(&self.dh, &self.flange_from_tool)?;
+        self.dh
+            .inverse(&goal, &self.flange_from_tool, &self.target.q)
+    }
+
+    fn watch_blend(&mut self) {
+        if self.blend_m > 0.0
+            && let Some(goal) = self.motion.goal(&self.dh, &self.flange_from_tool)
+        {
+            let tool = self.dh.flange(&self.target.q) * self.flange_from_tool;
+            let left_m = (goal.translation.vector - tool.translation.vector).norm();
+            self.blending = left_m <= self.blend_m;
+        }
+    }
+
+    /// Where the present path leads the tool, or where the tool is commanded to be.
+    pub fn waypoint(&self) -> Joints {
+        let goal = self.motion.goal(&self.dh, &self.flange_from_tool);
+        goal.map_or_else(
+            || self.tool_pose(&self.target.q),
+            |goal| kinematics::to_pose(&goal),
+        )
     }
 
     /// The motion of this ticket has reached its goal, or another has replaced it.
@@ -256,6 +365,7 @@ impl Robot {
     fn stop(&mut self, accel: f64) {
         self.owner = None;
         self.ticket.0 += 1;
+        (self.blend_m, self.blending) = (0.0, false);
         self.motion = Motion::JointSpeed {
             speed: [0.0; 6],
             accel,
@@ -465,16 +575,20 @@ impl Robot {
             self.protective_stop(&fault);
             return;
         }
+        self.watch_blend();
         if progress == Progress::Reached {
             self.reached = self.ticket;
             let ends = match &self.motion {
-                Motion::Joints { .. } | Motion::Line { .. } => true,
+                Motion::Joints { .. } | Motion::Line { .. } | Motion::Arc(_) | Motion::Blend(_) => {
+                    true
+                }
                 Motion::JointSpeed { .. } | Motion::ToolSpeed { .. } => self.target.qd == [0.0; 6],
-                Motion::Rest | Motion::Servo { .. } => false,
+                Motion::Rest | Motion::Servo { .. } | Motion::Chase(_) => false,
             };
             if ends {
                 self.motion = Motion::Rest;
                 self.owner = None;
+                self.blending = false;
                 self.target.qd = [0.0; 6];
             }
         }

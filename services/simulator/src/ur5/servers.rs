@@ -6,6 +6,7 @@
 
 mod dashboard;
 mod links;
+mod network;
 mod outlet;
 mod rtde;
 mod script;
@@ -207,6 +208,11 @@ pub async fn serve(controller: Shared, options: ServerOptions) -> io::Result<Ser
         secondary_read_only: secondary_read_only?,
         realtime_read_only: realtime_read_only?,
     };
+    {
+        let mut controller = lock(&controller);
+        let reach = controller.robot.config.script_network;
+        controller.robot.network = Arc::new(network::Tcp::new(reach));
+    }
     let links = Arc::new(Links::default());
     let rtde_hub = Arc::new(rtde::Hub::new(unanswered_frames));
     let script_hub = Arc::new(script::Hub::default());

@@ -14,9 +14,9 @@ use arthro_simulator::scenario::SystemView;
 use serde_json::{Value, json};
 use tonic::transport::Channel;
 
-use super::arm::message;
 use super::board::WORK_POINT;
 use crate::calibrate::show;
+use crate::commanded::message;
 use crate::exit::{Failure, Kind};
 
 /// Error of the hand-eye transform allowed at the work point, mm.

@@ -230,7 +230,10 @@ impl MotionService for FakeMotion {
                 },
             })
             .collect();
-        Ok(Response::new(CheckMotionResponse { checks }))
+        Ok(Response::new(CheckMotionResponse {
+            checks,
+            ..CheckMotionResponse::default()
+        }))
     }
 
     type MoveStream = Answers<MoveResponse>;

@@ -1,31 +1,41 @@
-//! An RTDE v2 client for any recipe: negotiation, setup, and the newest state under backlog.
+//! An RTDE client for any recipe: negotiation, setup, and the newest state under backlog.
 
-use std::{collections::VecDeque, io, time::Duration};
+use std::{collections::VecDeque, io, marker::PhantomData, time::Duration};
 
 use tokio::{
     net::TcpStream,
     time::{Instant, timeout, timeout_at},
 };
 
-use super::wire::{self, Frame, Reply, Request, Type, Value, Version};
+use super::{
+    fields,
+    inbox::{Inbox, Wanted},
+    recipe::{Inputs, Outputs},
+    sample::{Sample, Subscription},
+    version::ControllerVersion,
+    wire::{self, MAX_NAMES_BYTES, Reply, Request, Type, Value, Version},
+};
 use crate::Error;
 
-const SERVICE: &str = "rtde";
-/// Space that is free for each read.
-const READ_BYTES: usize = 16 * 1024;
+pub(super) const SERVICE: &str = "rtde";
 /// Reads in one `newest` before the state at hand counts as the newest: a flooding controller cannot hold us for ever.
-const READS_AT_ONCE: usize = 64;
+/// All of them together take more than a socket's buffer holds.
+pub(super) const READS_AT_ONCE: usize = 128;
 
 /// A connection to port 30004. Not started until [`Client::start`].
+///
+/// It never reconnects: after an error it is of no more use, and whoever makes a new one decides what that means. Inputs
+/// keep their last values in the controller when a connection ends.
 pub struct Client {
-    stream: TcpStream,
-    /// Received, not yet cut into frames; at most one incomplete frame stays between calls.
-    inbox: Vec<u8>,
+    pub(super) stream: TcpStream,
+    /// Received, not yet cut into frames.
+    pub(super) inbox: Inbox,
     /// Encoded, not yet taken by the socket.
     outbox: VecDeque<u8>,
-    /// Payload of the newest data package.
+    /// Fields of the newest data package.
     data: Vec<u8>,
-    version: Version,
+    pub(super) version: Version,
+    controller: ControllerVersion,
     reply_timeout: Duration,
 }
 
@@ -47,32 +57,78 @@ pub struct InputRecipe {
     pub types: Vec<Type>,
 }
 
+impl OutputRecipe {
+    pub(super) fn wanted(&self, version: Version) -> Wanted {
+        Wanted {
+            version,
+            recipe: self.id,
+            payload_bytes: self.types.iter().map(|kind| kind.bytes()).sum(),
+        }
+    }
+}
+
+/// A typed input recipe that a controller accepted.
+#[derive(Debug)]
+pub struct Publication<I> {
+    pub(super) id: u8,
+    inputs: PhantomData<I>,
+}
+
 impl Client {
-    /// Connects and agrees on version 2.
+    /// Connects, agrees on version 2 of the protocol or else on 1, and asks for the controller's version.
     ///
     /// # Errors
-    /// No connection, no answer within `reply_timeout`, or a controller that has only version 1.
+    /// No connection, no answer within `reply_timeout`, a controller that has neither version, or one whose RTDE is known
+    /// to be wrong ([`Error::TooOld`]).
     pub async fn connect(host: &str, port: u16, reply_timeout: Duration) -> Result<Self, Error> {
         let stream = crate::error::connect(SERVICE, host, port, reply_timeout).await?;
         let mut client = Self {
             stream,
-            inbox: Vec::new(),
+            inbox: Inbox::default(),
             outbox: VecDeque::new(),
             data: Vec::new(),
             version: Version::V1,
+            controller: ControllerVersion::new([0; 4]),
             reply_timeout,
         };
-        match client
-            .ask(
-                Request::ProtocolVersion(2),
-                "answer to the rtde protocol version",
-            )
-            .await?
-        {
-            Reply::ProtocolVersion { accepted: true } => client.version = Version::V2,
-            answer => return Err(refused("rtde protocol version 2", &answer)),
+        if client.accepts(2).await? {
+            client.version = Version::V2;
+        } else if !client.accepts(1).await? {
+            return Err(Error::Refused {
+                request: "rtde protocol versions 2 and 1".into(),
+                answer: "not accepted".into(),
+            });
+        }
+        client.controller = ControllerVersion::new(client.controller_version().await?);
+        if !client.controller.has_sound_rtde() {
+            return Err(Error::TooOld {
+                what: "rtde",
+                found: client.controller,
+                needs: "3.2.19171",
+            });
         }
         Ok(client)
+    }
+
+    async fn accepts(&mut self, version: u16) -> Result<bool, Error> {
+        let request = Request::ProtocolVersion(version);
+        match self
+            .ask(request, "answer to the rtde protocol version")
+            .await?
+        {
+            Reply::ProtocolVersion { accepted } => Ok(accepted),
+            answer => Err(refused("rtde protocol version", &answer)),
+        }
+    }
+
+    /// The protocol in use.
+    pub fn protocol(&self) -> Version {
+        self.version
+    }
+
+    /// The software of the controller, as it answered when connected.
+    pub fn controller(&self) -> ControllerVersion {
+        self.controller
     }
 
     /// major, minor, bugfix, build of the controller software.
@@ -89,22 +145,27 @@ impl Client {
         }
     }
 
-    /// Asks for these fields, `frequency_hz` times a second.
+    /// Asks for these fields, `frequency_hz` times a second; 0 is every control cycle. Version 1 knows only that.
     ///
     /// # Errors
-    /// [`Error::Field`] when one is missing or of another type; connection failures.
+    /// [`Error::Value`] for a rate that the controller does not have, [`Error::Field`] or [`Error::FieldSince`] when a
+    /// field is missing or of another type; connection failures.
     pub async fn setup_outputs(
         &mut self,
         frequency_hz: f64,
         fields: &[(&str, Type)],
     ) -> Result<OutputRecipe, Error> {
+        let frequency_hz = self.frequency_hz(frequency_hz)?;
         let request = Request::SetupOutputs {
-            frequency_hz: Some(frequency_hz),
-            names: names(fields),
+            frequency_hz: (self.version == Version::V2).then_some(frequency_hz),
+            names: names(fields)?,
         };
         match self.ask(request, "answer to the output recipe").await? {
             Reply::SetupOutputs { recipe, types } => {
-                check(fields, &types)?;
+                self.check(fields, &types, fields::output)?;
+                if recipe == Some(0) {
+                    return Err(unusable("output recipe"));
+                }
                 Ok(OutputRecipe {
                     id: recipe.unwrap_or_default(),
                     types,
@@ -114,22 +175,84 @@ impl Client {
         }
     }
 
+    /// Asks for the fields of `S` as [`Client::setup_outputs`] does, and for the timestamp, by which freshness is judged.
+    ///
+    /// # Errors
+    /// As [`Client::setup_outputs`].
+    pub async fn subscribe<S: Outputs>(
+        &mut self,
+        frequency_hz: f64,
+    ) -> Result<Subscription<S>, Error> {
+        let recipe = self
+            .setup_outputs(frequency_hz, &Subscription::<S>::fields())
+            .await?;
+        let every = self.cycles_between(self.frequency_hz(frequency_hz)?);
+        Ok(Subscription::new(
+            recipe,
+            self.controller.max_frequency_hz() / every,
+        ))
+    }
+
+    /// Claims the inputs of `I`.
+    ///
+    /// # Errors
+    /// As [`Client::setup_inputs`].
+    pub async fn publish<I: Inputs>(&mut self) -> Result<Publication<I>, Error> {
+        let recipe = self.setup_inputs(I::FIELDS).await?;
+        Ok(Publication {
+            id: recipe.id,
+            inputs: PhantomData,
+        })
+    }
+
+    /// The rate to ask for: 0 is the highest.
+    fn frequency_hz(&self, wanted_hz: f64) -> Result<f64, Error> {
+        let max_hz = self.controller.max_frequency_hz();
+        let (allowed, limit) = match (self.version, self.controller.is_cb3()) {
+            (Version::V1, _) => (max_hz..=max_hz, "0, or every cycle: rtde version 1"),
+            (Version::V2, true) => (f64::MIN_POSITIVE..=max_hz, "0 to 125: CB3"),
+            (Version::V2, false) => (f64::MIN_POSITIVE..=max_hz, "0 to 500: e-Series"),
+        };
+        if wanted_hz == 0.0 {
+            Ok(max_hz)
+        } else if allowed.contains(&wanted_hz) {
+            Ok(wanted_hz)
+        } else {
+            Err(Error::Value {
+                field: "frequency_hz",
+                value: wanted_hz,
+                limit,
+            })
+        }
+    }
+
+    /// A controller sends in every n-th cycle.
+    fn cycles_between(&self, frequency_hz: f64) -> f64 {
+        (self.controller.max_frequency_hz() / frequency_hz)
+            .round()
+            .max(1.0)
+    }
+
     /// Claims these inputs.
     ///
     /// # Errors
-    /// [`Error::Field`] when one is missing, taken by another client or of another type; connection failures.
+    /// [`Error::Field`] or [`Error::FieldSince`] when one is missing, taken by another client (`IN_USE`) or of another
+    /// type; connection failures.
     pub async fn setup_inputs(&mut self, fields: &[(&str, Type)]) -> Result<InputRecipe, Error> {
         match self
             .ask(
                 Request::SetupInputs {
-                    names: names(fields),
+                    names: names(fields)?,
                 },
                 "answer to the input recipe",
             )
             .await?
         {
             Reply::SetupInputs { recipe, types } => {
-                check(fields, &types)?;
+                self.check(fields, &types, fields::input)?;
+                if recipe == 0 {
+                    return Err(unusable("input recipe"));
+                }
                 Ok(InputRecipe { id: recipe, types })
             }
             answer => Err(refused("input recipe", &answer)),
@@ -159,7 +282,7 @@ impl Client {
     }
 
     /// Waits for a data package and gives the fields of the newest one, which [`wire::take_values`] decodes.
-    /// Cancel safe.
+    /// Cancel safe. Whether the state is newer than the last one is for the caller to see; [`Client::sample`] sees to it.
     ///
     /// # Errors
     /// Nothing within `silence`, a violated protocol, a broken connection.
@@ -169,8 +292,58 @@ impl Client {
         silence: Duration,
     ) -> Result<&[u8], Error> {
         let deadline = Instant::now() + silence;
-        let mut fresh = self.sort(recipe)?;
-        while !fresh {
+        self.receive(&recipe.wanted(self.version), deadline, silence)
+            .await?;
+        Ok(&self.data)
+    }
+
+    /// Waits for a state that is newer than the last sample, and gives the newest there is. Cancel safe.
+    ///
+    /// # Errors
+    /// No new state within `silence`, a timestamp that is not a number, a violated protocol, a broken connection.
+    pub async fn sample<S: Outputs>(
+        &mut self,
+        subscription: &mut Subscription<S>,
+        silence: Duration,
+    ) -> Result<Sample<S>, Error> {
+        let deadline = Instant::now() + silence;
+        let wanted = subscription.wanted(self.version);
+        loop {
+            self.receive(&wanted, deadline, silence).await?;
+            if let Some(sample) = subscription.sample(&self.data)? {
+                return Ok(sample);
+            }
+        }
+    }
+
+    async fn receive(
+        &mut self,
+        wanted: &Wanted,
+        deadline: Instant,
+        silence: Duration,
+    ) -> Result<(), Error> {
+        // A flooding controller never lets us wait: other tasks must run all the same.
+        tokio::task::consume_budget().await;
+        loop {
+            // Packages that came behind an answer may be in the inbox already, but newer ones in the socket.
+            let mut packages = self.take_newest(wanted)?;
+            for _ in 0..READS_AT_ONCE {
+                let read = self.read_some();
+                match read {
+                    Ok(Read::Nothing) => break,
+                    Ok(Read::Everything) => {
+                        packages += self.take_newest(wanted)?;
+                        break;
+                    }
+                    Ok(Read::Full) => packages += self.take_newest(wanted)?,
+                    // What came before the end counts; the next call tells of the end.
+                    Err(_) if packages > 0 => break,
+                    Err(error) => return Err(error),
+                }
+            }
+            if packages > 0 {
+                return Ok(());
+            }
             self.flush()?;
             match timeout_at(deadline, self.stream.readable()).await {
                 Ok(ready) => ready.map_err(io_error)?,
@@ -181,14 +354,28 @@ impl Client {
                     });
                 }
             }
-            for _ in 0..READS_AT_ONCE {
-                if !self.read_some()? {
-                    break;
-                }
-                fresh |= self.sort(recipe)?;
-            }
         }
-        Ok(&self.data)
+    }
+
+    fn take_newest(&mut self, wanted: &Wanted) -> Result<u64, Error> {
+        Ok(self
+            .inbox
+            .take_newest(wanted, &mut self.data, |text| log(&text))?)
+    }
+
+    /// Sends the inputs of `I`. Cancel safe: what was begun is completed before the next package.
+    ///
+    /// # Errors
+    /// A broken connection, or one that takes nothing within the reply timeout.
+    pub async fn put<I: Inputs>(
+        &mut self,
+        publication: &Publication<I>,
+        inputs: &I,
+    ) -> Result<(), Error> {
+        let mut bytes = Vec::with_capacity(128);
+        wire::data_frame(&mut bytes, Some(publication.id), |out| inputs.encode(out));
+        self.outbox.extend(bytes);
+        self.drain().await
     }
 
     /// Sends one input package. Cancel safe: what was begun is completed before the next package.
@@ -225,15 +412,14 @@ impl Client {
             .map_err(|_| Error::Timeout { what, limit })?
     }
 
-    /// The next package that is neither state nor log.
+    /// The next package that is neither state nor log: states may be under way when a pause is answered.
     async fn reply(&mut self) -> Result<Reply, Error> {
         loop {
-            while let Some(frame) = Frame::first(&self.inbox)? {
-                let size = frame.size();
-                let reply = Reply::decode(frame, self.version)?;
-                self.inbox.drain(..size);
-                match reply {
-                    Reply::Data { .. } => {}
+            while let Some(frame) = self.inbox.next()? {
+                if frame.is_data() {
+                    continue;
+                }
+                match Reply::decode(frame, self.version)? {
                     Reply::Text(text) => log(&text),
                     reply => return Ok(reply),
                 }
@@ -243,39 +429,21 @@ impl Client {
         }
     }
 
-    /// Cuts the inbox into frames and keeps the newest data package of the recipe. True when there was one.
-    fn sort(&mut self, recipe: &OutputRecipe) -> Result<bool, Error> {
-        let mut fresh = false;
-        let mut used = 0;
-        while let Some(frame) = Frame::first(&self.inbox[used..])? {
-            used += frame.size();
-            if frame.is_data() {
-                if let [id, fields @ ..] = frame.payload
-                    && recipe.id == *id
-                {
-                    self.data.clear();
-                    self.data.extend_from_slice(fields);
-                    fresh = true;
-                }
-            } else if let Reply::Text(text) = Reply::decode(frame, self.version)? {
-                log(&text);
-            }
-        }
-        self.inbox.drain(..used);
-        Ok(fresh)
-    }
-
-    /// One read without waiting; false when there is nothing.
-    fn read_some(&mut self) -> Result<bool, Error> {
-        let filled = self.inbox.len();
-        self.inbox.resize(filled + READ_BYTES, 0);
-        let outcome = self.stream.try_read(&mut self.inbox[filled..]);
-        self.inbox
-            .truncate(filled + outcome.as_ref().map_or(0, |bytes| *bytes));
-        match outcome {
+    /// One read without waiting.
+    fn read_some(&mut self) -> Result<Read, Error> {
+        let space = self.inbox.space();
+        let room = space.len();
+        match self.stream.try_read(space) {
             Ok(0) => Err(Error::Closed { service: SERVICE }),
-            Ok(_) => Ok(true),
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(false),
+            Ok(bytes) => {
+                self.inbox.received(bytes);
+                Ok(if bytes < room {
+                    Read::Everything
+                } else {
+                    Read::Full
+                })
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(Read::Nothing),
             Err(error) => Err(io_error(error)),
         }
     }
@@ -307,29 +475,64 @@ impl Client {
     }
 }
 
-fn names(fields: &[(&str, Type)]) -> Vec<String> {
-    fields.iter().map(|(name, _)| (*name).to_owned()).collect()
+/// What one read brought.
+enum Read {
+    Nothing,
+    /// All that the socket had.
+    Everything,
+    /// As much as there was room for; there may be more.
+    Full,
 }
 
-fn check(fields: &[(&str, Type)], answers: &[Type]) -> Result<(), Error> {
-    if answers.len() != fields.len() {
-        let answer = format!("{} types for {} names", answers.len(), fields.len());
-        return Err(Error::Refused {
-            request: "recipe".into(),
-            answer,
-        });
+fn names(fields: &[(&str, Type)]) -> Result<Vec<String>, Error> {
+    let bytes = fields.iter().map(|(name, _)| name.len() + 1).sum::<usize>();
+    if bytes > MAX_NAMES_BYTES {
+        return Err(Error::Wire(wire::Error::Names(bytes)));
     }
-    match fields
-        .iter()
-        .zip(answers)
-        .find(|((_, wanted), answer)| wanted != *answer)
-    {
-        Some(((name, wanted), answer)) => Err(Error::Field {
-            name: (*name).to_owned(),
-            answer: *answer,
-            wanted: *wanted,
-        }),
-        None => Ok(()),
+    Ok(fields.iter().map(|(name, _)| (*name).to_owned()).collect())
+}
+
+impl Client {
+    fn check(
+        &self,
+        fields: &[(&str, Type)],
+        answers: &[Type],
+        known: fn(&str) -> Option<fields::Field>,
+    ) -> Result<(), Error> {
+        if answers.len() != fields.len() {
+            let answer = format!("{} types for {} names", answers.len(), fields.len());
+            return Err(Error::Refused {
+                request: "recipe".into(),
+                answer,
+            });
+        }
+        let mut answered = fields.iter().zip(answers);
+        let Some(((name, wanted), answer)) =
+            answered.find(|((_, wanted), answer)| wanted != *answer)
+        else {
+            return Ok(());
+        };
+        match known(name).and_then(|field| field.since) {
+            Some(since) if *answer == Type::NotFound && !self.controller.has(&since) => {
+                Err(Error::FieldSince {
+                    name: (*name).to_owned(),
+                    since,
+                    found: self.controller,
+                })
+            }
+            _ => Err(Error::Field {
+                name: (*name).to_owned(),
+                answer: *answer,
+                wanted: *wanted,
+            }),
+        }
+    }
+}
+
+fn unusable(request: &str) -> Error {
+    Error::Refused {
+        request: request.to_owned(),
+        answer: "recipe 0".into(),
     }
 }
 
@@ -340,11 +543,11 @@ fn refused(request: &str, answer: &Reply) -> Error {
     }
 }
 
-fn log(text: &wire::Text) {
+pub(super) fn log(text: &wire::Text) {
     tracing::info!(message_text = %text.message, source = %text.source, level = text.level, "controller says");
 }
 
-fn io_error(source: io::Error) -> Error {
+pub(super) fn io_error(source: io::Error) -> Error {
     Error::Io {
         service: SERVICE,
         source,

@@ -346,12 +346,12 @@ impl Text {
         match version {
             Version::V1 => Ok(Self {
                 level: rest.u8()?,
-                message: rest.text()?.to_owned(),
+                message: lossy(rest.all()),
                 source: String::new(),
             }),
             Version::V2 => Ok(Self {
-                message: rest.short_text()?.to_owned(),
-                source: rest.short_text()?.to_owned(),
+                message: rest.short_text()?,
+                source: rest.short_text()?,
                 level: rest.u8()?,
             }),
         }
@@ -423,14 +423,14 @@ impl<'a> Payload<'a> {
         std::str::from_utf8(self.all()).map_err(|_| Error::Text(self.kind))
     }
 
-    fn short_text(&mut self) -> Result<&'a str, Error> {
+    fn short_text(&mut self) -> Result<String, Error> {
         let length = usize::from(self.u8()?);
         let (text, rest) = self
             .bytes
             .split_at_checked(length)
             .ok_or(Error::Short(self.kind))?;
         self.bytes = rest;
-        std::str::from_utf8(text).map_err(|_| Error::Text(self.kind))
+        Ok(lossy(text))
     }
 
     /// Names between commas; some clients end the list with a comma, so empty names are skipped.
@@ -454,6 +454,11 @@ impl<'a> Payload<'a> {
             Err(Error::Long(self.kind, self.bytes.len()))
         }
     }
+}
+
+/// A line for the log is not worth a connection, whatever its encoding.
+fn lossy(text: &[u8]) -> String {
+    String::from_utf8_lossy(text).into_owned()
 }
 
 fn words(text: &str) -> impl Iterator<Item = &str> {

@@ -14,7 +14,10 @@ use tokio::{
     task::JoinHandle,
 };
 use ur_link::rtde::wire::Type;
-use ur_link::{Command, Dashboard, Endpoint, Error, Fault, Options, RobotLink, SafetyMode, State};
+use ur_link::{
+    Command, Dashboard, Endpoint, Error, Fault, Options, RobotLink, SafetyMode, State, Stream,
+    Window,
+};
 
 use crate::ur5::{
     Config, Controller, Series, ServerOptions, Shared, kinematics,
@@ -115,6 +118,38 @@ async fn drive(
     }
 }
 
+/// Streams samples 1 to `last` until the last is consumed.
+async fn follow(
+    arm: &mut ur_link::Controller,
+    last: i32,
+    sample: impl Fn(i32) -> [f64; 6],
+) -> State {
+    let mut stream = Stream::new();
+    let mut consumed = 0;
+    loop {
+        let state = arm.next_state().await.unwrap();
+        assert_eq!(state.program.fault, None, "{state:?}");
+        stream.consume(state.program.sample_consumed).unwrap();
+        assert!(state.program.sample_consumed - consumed <= 1, "skipped");
+        consumed = state.program.sample_consumed;
+        if consumed > 0 {
+            let apart = (state.actual_q[0] - sample(consumed)[0]).abs();
+            assert!(apart < 0.03, "{apart} rad behind: {state:?}");
+        }
+        while stream.wants() {
+            stream.push(sample(stream.next_number()));
+            if stream.next_number() > last {
+                stream.end();
+            }
+        }
+        let window = stream.window().unwrap();
+        arm.send(&Command::Stream(window)).await.unwrap();
+        if stream.is_consumed() {
+            return state;
+        }
+    }
+}
+
 fn finished(state: &State) -> bool {
     state.program.finished()
 }
@@ -154,23 +189,23 @@ async fn an_arm_is_brought_up_moved_and_stopped() {
         "restarted by its repetitions? {seconds} s"
     );
 
-    // A servo stream: 0.2 rad of the base in one second, tracked closely.
+    // A stream: 0.2 rad of the base in one second, tracked closely, every sample of it.
     let start = drive(&mut arm, Command::Hold, finished).await.target_q;
-    let mut joints_rad = start;
-    let mut state;
-    for cycle in 1..=125 {
-        state = arm.next_state().await.unwrap();
-        let share = f64::from(cycle) / 125.0;
-        joints_rad[0] = start[0] + 0.2 * share * share * (3.0 - 2.0 * share);
-        arm.send(&Command::Servo { joints_rad }).await.unwrap();
-        assert_eq!(state.program.fault, None);
-        assert!(
-            (state.actual_q[0] - joints_rad[0]).abs() < 0.03,
-            "{state:?}"
-        );
-    }
+    let sample = |number: i32| {
+        let share = f64::from(number) / 125.0;
+        let mut joints_rad = start;
+        joints_rad[0] += 0.2 * share * share * (3.0 - 2.0 * share);
+        joints_rad
+    };
+    let state = follow(&mut arm, 125, sample).await;
+    assert_eq!(state.program.sample_consumed, 125);
+    let window = Window {
+        first: 125,
+        joints_rad: [sample(125); 4],
+        last: Some(125),
+    };
     let arrived = |state: &State| (state.actual_q[0] - start[0] - 0.2).abs() < 1e-4;
-    drive(&mut arm, Command::Servo { joints_rad }, arrived).await;
+    drive(&mut arm, Command::Stream(window), arrived).await;
 
     // Stop in the middle of a move.
     let far = Command::MoveJ {
@@ -263,20 +298,155 @@ async fn a_client_that_comes_back_must_see_the_fault_before_it_moves_again() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_servo_target_far_from_the_arm_is_refused() {
+async fn a_sample_far_from_the_arm_is_refused() {
     let cell = Cell::start(Config {
         powered: true,
         ..Config::default()
     })
     .await;
     let mut arm = cell.connect().await;
-    let jump = Command::Servo {
-        joints_rad: [0.5, -1.7, 1.9, -1.77, -1.57, 0.0],
-    };
+    let jump = Command::Stream(Window {
+        first: 1,
+        joints_rad: [[0.05, -1.7, 1.9, -1.77, -1.57, 0.0]; 4],
+        last: Some(4),
+    });
     let state = drive(&mut arm, jump, |state| state.program.fault.is_some()).await;
-    assert_eq!(state.program.fault, Some(Fault::ServoLead));
+    assert_eq!(state.program.fault, Some(Fault::SampleStep));
     assert_eq!(lock(&cell.controller).safety_mode(), SafetyMode::Normal);
     assert!(lock(&cell.controller).joints_rad()[0].abs() < 1e-9);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stream_that_is_used_up_stops_the_arm_and_never_goes_on() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let sample = |number: i32| [f64::from(number) * 0.004, -1.7, 1.9, -1.77, -1.57, 0.0];
+    let window = |first: i32| {
+        Command::Stream(Window {
+            first,
+            joints_rad: [0, 1, 2, 3].map(|n| sample(first + n)),
+            last: None,
+        })
+    };
+    // Packages keep coming, but never a newer window.
+    let starved = |state: &State| state.program.fault.is_some();
+    let state = drive(&mut arm, window(1), starved).await;
+    assert_eq!(state.program.fault, Some(Fault::Starved));
+    assert_eq!(state.program.sample_consumed, 4);
+    let due_s = state.timestamp_s + 0.4;
+    let stands = drive(&mut arm, window(5), |state| state.timestamp_s > due_s).await;
+    let later = drive(&mut arm, window(9), |state| state.timestamp_s > due_s + 0.5).await;
+    assert!(largest_difference(&later.actual_q, &stands.actual_q) < 1e-6);
+    assert_eq!(later.program.sample_consumed, 4);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_slider_stretches_a_stream_and_no_sample_is_skipped() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let mut full_s = 0.0;
+    for slider in [1.0, 0.5, 0.2] {
+        lock(&cell.controller).set_speed_slider(slider);
+        let settled = |state: &State| finished(state) && state.speed_scaling == slider;
+        let start = drive(&mut arm, Command::Hold, settled).await;
+        let sample = |number: i32| {
+            let mut joints_rad = start.target_q;
+            joints_rad[0] += 0.1 * (1.0 - (f64::from(number) * 0.02).cos());
+            joints_rad
+        };
+        // Asserts that the numbers consumed go up by one.
+        let end = follow(&mut arm, 157, sample).await;
+        let taken_s = end.timestamp_s - start.timestamp_s;
+        if slider == 1.0 {
+            full_s = taken_s;
+        }
+        assert!((taken_s * slider / full_s - 1.0).abs() < 0.05, "{taken_s}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_program_that_was_paused_does_not_go_on_with_its_stream() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let sample = |number: i32| [f64::from(number) * 0.002, -1.7, 1.9, -1.77, -1.57, 0.0];
+    let mut stream = Stream::new();
+    let mut paused_at_s = f64::INFINITY;
+    let state = loop {
+        let state = arm.next_state().await.unwrap();
+        stream.consume(state.program.sample_consumed).unwrap();
+        while stream.wants() {
+            stream.push(sample(stream.next_number()));
+        }
+        let window = stream.window().unwrap();
+        arm.send(&Command::Stream(window)).await.unwrap();
+        if state.program.sample_consumed == 50 && paused_at_s.is_infinite() {
+            paused_at_s = state.timestamp_s;
+            lock(&cell.controller).set_paused(true);
+        }
+        if state.timestamp_s > paused_at_s + 0.5 {
+            lock(&cell.controller).set_paused(false);
+        }
+        if state.program.fault.is_some() {
+            break state;
+        }
+        assert!(state.program.sample_consumed < 54, "{state:?}");
+    };
+    assert_eq!(state.program.fault, Some(Fault::Paused));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_program_that_is_started_again_does_not_go_on_with_its_move() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    let far = Command::MoveJ {
+        joints_rad: [1.5, -1.7, 1.9, -1.77, -1.57, 0.0],
+        speed_rad_s: 0.5,
+        accel_rad_s2: 2.0,
+    };
+    drive(&mut arm, far, |state| state.actual_qd[0] > 0.45).await;
+    // The same program over the same registers, as PolyScope's play button has it.
+    let session = lock(&cell.controller).robot.outputs.ints[24];
+    let text = ur_link::program::text(&cell.options(), session).unwrap();
+    lock(&cell.controller).load_program(&text).unwrap();
+    let start_s = lock(&cell.controller).timestamp_s();
+    let stands = drive(&mut arm, far, |state| state.timestamp_s > start_s + 0.5).await;
+    let later = drive(&mut arm, far, |state| state.timestamp_s > start_s + 1.5).await;
+    assert!(later.program.ready, "{later:?}");
+    assert!(largest_difference(&later.actual_q, &stands.actual_q) < 1e-5);
+    // What is commanded anew is obeyed.
+    drive(&mut arm, Command::Hold, finished).await;
+    drive(&mut arm, far, finished).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_program_that_another_replaced_is_not_ready() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::default()
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    drive(&mut arm, Command::Hold, finished).await;
+    let other = "def other():\n  while True:\n    sync()\n  end\nend\n";
+    lock(&cell.controller).load_program(other).unwrap();
+    let state = drive(&mut arm, Command::Hold, |state| !state.program.ready).await;
+    assert_eq!(state.runtime_state, ur_link::RuntimeState::Playing);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -300,7 +470,7 @@ async fn after_a_protective_stop_nothing_moves_until_recovered_and_commanded_ane
     .await;
     assert!(!state.program.ready);
     assert!(
-        matches!(arm.recover().await, Err(Error::Refused { .. })),
+        matches!(arm.recover().await, Err(Error::UnlockTooEarly { .. })),
         "unlocked within five seconds"
     );
     let due_s = state.timestamp_s + 5.1;
@@ -324,7 +494,7 @@ async fn an_input_has_one_writer() {
     .await;
     let arm = cell.connect().await;
     let second = ur_link::Controller::connect(cell.options()).await;
-    assert!(matches!(second, Err(Error::Field { .. })));
+    assert!(matches!(second, Err(Error::InUse { .. })));
     drop(arm);
     let deadline = Instant::now() + Duration::from_secs(10);
     while let Err(error) = ur_link::Controller::connect(cell.options()).await {
@@ -346,7 +516,10 @@ async fn the_dashboard_answers_line_by_line() {
         dashboard.polyscope_version().await.unwrap(),
         "3.15.8.106339"
     );
-    assert_eq!(dashboard.robot_mode().await.unwrap(), "POWER_OFF");
+    assert_eq!(
+        dashboard.robot_mode().await.unwrap(),
+        ur_link::RobotMode::PowerOff
+    );
     assert!(
         dashboard
             .ask("nonsense")
@@ -482,13 +655,19 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
     let start = drive(&mut arm, Command::Hold, finished).await;
     let wall = Instant::now();
     let mut received = 0u32;
-    let mut joints_rad = start.target_q;
+    let mut stream = Stream::new();
     let mut state = start;
     while wall.elapsed() < Duration::from_secs(3) {
         state = arm.next_state().await.unwrap();
-        joints_rad[0] =
-            start.target_q[0] + 0.3 * (1.0 - (state.timestamp_s - start.timestamp_s).cos());
-        arm.send(&Command::Servo { joints_rad }).await.unwrap();
+        stream.consume(state.program.sample_consumed).unwrap();
+        while stream.wants() {
+            let mut joints_rad = start.target_q;
+            let time_s = f64::from(stream.next_number()) * STEP_S;
+            joints_rad[0] += 0.3 * (1.0 - time_s.cos());
+            stream.push(joints_rad);
+        }
+        let window = stream.window().unwrap();
+        arm.send(&Command::Stream(window)).await.unwrap();
         assert_eq!(state.program.fault, None);
         received += 1;
     }

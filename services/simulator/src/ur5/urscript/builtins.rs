@@ -2,12 +2,19 @@
 
 mod arm;
 mod io;
+mod kinematics;
+mod lists;
 mod maths;
+mod motion;
+mod network;
 mod system;
+mod texts;
+mod tool;
+pub mod versions;
 
 use std::sync::Arc;
 
-use super::{interpreter::Wait, value::Value};
+use super::{interpreter::Wait, sockets::Sockets, value::Value};
 use crate::ur5::robot::{Robot, ThreadId};
 
 /// One function.
@@ -50,6 +57,10 @@ pub struct Context<'a> {
     pub thread: ThreadId,
     /// In a `sec`, which may not move.
     pub secondary: bool,
+    /// Sockets of the program.
+    pub sockets: &'a mut Sockets,
+    /// How long a call that answered [`Outcome::Again`] has waited; `None` the first time.
+    pub waited_s: Option<f64>,
 }
 
 /// What a function gives.
@@ -58,6 +69,8 @@ pub enum Outcome {
     Value(Value),
     /// None, but later.
     Wait(Wait),
+    /// Not yet: the same call comes again in the next cycle.
+    Again,
 }
 
 /// The function of this name with its number.
@@ -95,10 +108,32 @@ pub fn cost(number: usize) -> u32 {
 fn all() -> impl Iterator<Item = &'static Builtin> {
     arm::FUNCTIONS
         .iter()
-        .chain(arm::NOT_MODELLED)
         .chain(io::FUNCTIONS)
+        .chain(kinematics::FUNCTIONS)
+        .chain(lists::FUNCTIONS)
         .chain(maths::FUNCTIONS)
+        .chain(motion::FUNCTIONS)
+        .chain(network::FUNCTIONS)
         .chain(system::FUNCTIONS)
+        .chain(texts::FUNCTIONS)
+        .chain(tool::FUNCTIONS)
+        .chain(tool::NOT_MODELLED)
+}
+
+/// Names with the most and the fewest arguments that they take.
+#[cfg(test)]
+pub fn signatures() -> &'static [(&'static str, usize, usize)] {
+    static SIGNATURES: std::sync::OnceLock<Vec<(&'static str, usize, usize)>> =
+        std::sync::OnceLock::new();
+    SIGNATURES.get_or_init(|| {
+        let least = |builtin: &Builtin| {
+            let required = |param: &&Param| matches!(param.default, Default::Required);
+            builtin.params.iter().filter(required).count()
+        };
+        all()
+            .map(|builtin| (builtin.name, builtin.params.len(), least(builtin)))
+            .collect()
+    })
 }
 
 /// Arguments of one call.

@@ -1,6 +1,10 @@
 //! A compiled program: operations of a small stack machine.
 
+use std::sync::Arc;
+
 use super::{
+    Place,
+    parts::{Method, Path},
     syntax::{Binary, Scope, Unary},
     value::Value,
 };
@@ -24,8 +28,8 @@ pub struct Program {
 pub struct Function {
     pub params: Vec<Symbol>,
     pub ops: Vec<Op>,
-    /// Line of each operation.
-    pub lines: Vec<u32>,
+    /// Line and column of the statement or call of each operation.
+    pub places: Vec<Place>,
 }
 
 /// One step of the machine.
@@ -37,8 +41,14 @@ pub enum Op {
     Load(Symbol),
     /// Pops into a variable.
     Store(Scope, Symbol),
-    /// Pops value and index into an element of a variable.
-    StoreItem(Symbol),
+    /// Pops a value and the indices of a path into a part of a variable.
+    StorePart(Symbol, Path),
+    /// Pops arguments and the indices of a path; calls a method of a part of a variable, pushes its value.
+    Method(Symbol, Path, Method, usize),
+    /// Pops a value for each of these members into a struct.
+    Struct(Arc<[Arc<str>]>),
+    /// Pops a struct, pushes its member.
+    Member(Arc<str>),
     /// Pops so many values into a list.
     List(usize),
     /// Pops six numbers into a pose.

@@ -1,27 +1,36 @@
 //! The tree to operations. Names of functions and all arguments are settled here, so that a wrong call is refused before
 //! anything moves.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 use super::{
-    Error,
-    builtins::{self, Builtin},
+    Error, Place,
+    builtins::{self, Builtin, versions},
     code::{self, Op, Program, Symbol},
-    syntax::{Call, Expression, Function, Statement, StatementKind, Unit},
+    parts::{Method, Path, PathStep},
+    syntax::{Call, Expression, Function, Statement, StatementKind, Step, Unit},
     value::Value,
 };
+use crate::ur5::series::{Since, Version};
 
-/// Compiles an upload.
+/// Variables of one program.
+const MAX_NAMES: usize = 4096;
+
+/// Compiles an upload for a controller of this version.
 ///
 /// # Errors
 /// An unknown function, wrong arguments, `break` outside a loop, two functions of one name.
-pub fn compile(unit: &Unit) -> Result<Program, Error> {
-    let mut compiler = Compiler::default();
+pub fn compile(unit: &Unit, version: Version) -> Result<Program, Error> {
+    let mut compiler = Compiler::new(version);
     compiler.declare(&unit.main)?;
     let declared = std::mem::take(&mut compiler.declared);
     let mut functions = Vec::with_capacity(declared.len());
     for function in &declared {
         functions.push(compiler.function(function)?);
+    }
+    if compiler.symbols.len() > MAX_NAMES {
+        let text = format!("{} variables, at most {MAX_NAMES}", compiler.symbols.len());
+        return Err(Error::new(unit.main.place, text));
     }
     Ok(Program {
         name: unit.main.name.clone(),
@@ -31,16 +40,16 @@ pub fn compile(unit: &Unit) -> Result<Program, Error> {
     })
 }
 
-#[derive(Default)]
 struct Compiler<'a> {
+    version: Version,
     symbols: Vec<String>,
     symbol_of: HashMap<String, Symbol>,
     /// In the order of their numbers; the body of the program is the first.
     declared: Vec<&'a Function>,
     function_of: HashMap<&'a str, (usize, &'a Function)>,
     ops: Vec<Op>,
-    lines: Vec<u32>,
-    line: u32,
+    places: Vec<Place>,
+    place: Place,
     loops: Vec<Loop>,
 }
 
@@ -51,6 +60,20 @@ struct Loop {
 }
 
 impl<'a> Compiler<'a> {
+    fn new(version: Version) -> Self {
+        Self {
+            version,
+            symbols: Vec::new(),
+            symbol_of: HashMap::new(),
+            declared: Vec::new(),
+            function_of: HashMap::new(),
+            ops: Vec::new(),
+            places: Vec::new(),
+            place: (1, 1),
+            loops: Vec::new(),
+        }
+    }
+
     /// Numbers a function and those inside it, so that calls may come before definitions.
     fn declare(&mut self, function: &'a Function) -> Result<(), Error> {
         let number = self.declared.len();
@@ -62,7 +85,7 @@ impl<'a> Compiler<'a> {
                 .is_some()
         {
             return Err(Error::new(
-                function.line,
+                function.place,
                 format!("{} is defined twice", function.name),
             ));
         }
@@ -87,7 +110,7 @@ impl<'a> Compiler<'a> {
     }
 
     fn function(&mut self, function: &Function) -> Result<code::Function, Error> {
-        self.line = function.line;
+        self.place = function.place;
         let params = function
             .params
             .iter()
@@ -99,7 +122,7 @@ impl<'a> Compiler<'a> {
         Ok(code::Function {
             params,
             ops: std::mem::take(&mut self.ops),
-            lines: std::mem::take(&mut self.lines),
+            places: std::mem::take(&mut self.places),
         })
     }
 
@@ -109,7 +132,7 @@ impl<'a> Compiler<'a> {
     }
 
     fn statement(&mut self, statement: &Statement) -> Result<(), Error> {
-        self.line = statement.line;
+        self.place = statement.place;
         match &statement.kind {
             StatementKind::Expression(expression) => {
                 self.expression(expression)?;
@@ -118,18 +141,17 @@ impl<'a> Compiler<'a> {
             StatementKind::Assign {
                 scope,
                 name,
-                index,
+                path,
                 value,
             } => {
                 let symbol = self.symbol(name);
-                if let Some(index) = index {
-                    self.expression(index)?;
-                    self.expression(value)?;
-                    self.emit(Op::StoreItem(symbol));
+                let path = self.path(path)?;
+                self.expression(value)?;
+                self.emit(if path.is_empty() {
+                    Op::Store(*scope, symbol)
                 } else {
-                    self.expression(value)?;
-                    self.emit(Op::Store(*scope, symbol));
-                }
+                    Op::StorePart(symbol, path)
+                });
             }
             StatementKind::If { arms, otherwise } => {
                 let mut exits = Vec::new();
@@ -164,14 +186,14 @@ impl<'a> Compiler<'a> {
                 let jump = self.emit(Op::Jump(0));
                 let inside = self.loops.last_mut();
                 inside
-                    .ok_or_else(|| Error::new(statement.line, "break outside a loop"))?
+                    .ok_or_else(|| Error::new(statement.place, "break outside a loop"))?
                     .breaks
                     .push(jump);
             }
             StatementKind::Continue => {
                 let inside = self.loops.last().map(|inside| inside.start);
                 let start =
-                    inside.ok_or_else(|| Error::new(statement.line, "continue outside a loop"))?;
+                    inside.ok_or_else(|| Error::new(statement.place, "continue outside a loop"))?;
                 self.emit(Op::Jump(start));
             }
             StatementKind::Return(value) => {
@@ -218,6 +240,29 @@ impl<'a> Compiler<'a> {
                 self.expression(index)?;
                 self.emit(Op::Index);
             }
+            Expression::Member(owner, name) => {
+                self.expression(owner)?;
+                self.emit(Op::Member(Arc::from(name.as_str())));
+            }
+            Expression::Method { name, path, call } => {
+                let symbol = self.symbol(name);
+                let path = self.path(path)?;
+                let Some(method) = Method::from_name(&call.name) else {
+                    return Err(Error::new(call.place, format!("no method {}", call.name)));
+                };
+                let wanted = method.arguments();
+                if !call.named.is_empty() || !wanted.contains(&call.positional.len()) {
+                    let text = format!("{}() takes {wanted:?} arguments by position", call.name);
+                    return Err(Error::new(call.place, text));
+                }
+                self.available(call.place, &call.name, versions::LISTS)?;
+                let arguments = &call.positional;
+                arguments
+                    .iter()
+                    .try_for_each(|value| self.expression(value))?;
+                self.place = call.place;
+                self.emit(Op::Method(symbol, path, method, arguments.len()));
+            }
             Expression::Unary(operator, operand) => {
                 self.expression(operand)?;
                 self.emit(Op::Unary(*operator));
@@ -233,11 +278,11 @@ impl<'a> Compiler<'a> {
             Expression::Run(call) => {
                 let Some((number, function)) = self.function_of.get(call.name.as_str()).copied()
                 else {
-                    return Err(Error::new(self.line, format!("no thread {}", call.name)));
+                    return Err(Error::new(self.place, format!("no thread {}", call.name)));
                 };
                 if !function.thread {
                     return Err(Error::new(
-                        self.line,
+                        self.place,
                         format!("{} is a function, not a thread", call.name),
                     ));
                 }
@@ -262,11 +307,54 @@ impl<'a> Compiler<'a> {
         Ok(())
     }
 
+    /// Pushes the indices of a path.
+    fn path(&mut self, steps: &[Step]) -> Result<Path, Error> {
+        let mut path = Vec::with_capacity(steps.len());
+        for step in steps {
+            path.push(match step {
+                Step::Index(index) => {
+                    self.expression(index)?;
+                    PathStep::Index
+                }
+                Step::Member(name) => PathStep::Member(Arc::from(name.as_str())),
+            });
+        }
+        Ok(path.into())
+    }
+
+    /// `struct(a=1, b=2)`
+    fn structure(&mut self, call: &Call) -> Result<(), Error> {
+        self.available(call.place, "struct", versions::STRUCTS)?;
+        let refuse = |text: String| Err(Error::new(call.place, format!("struct(): {text}")));
+        if !call.positional.is_empty() || call.named.is_empty() {
+            return refuse("takes members by name".to_owned());
+        }
+        let mut names: Vec<Arc<str>> = Vec::with_capacity(call.named.len());
+        for (name, value) in &call.named {
+            if names.iter().any(|other| **other == **name) {
+                return refuse(format!("member {name} is there twice"));
+            }
+            self.expression(value)?;
+            names.push(Arc::from(name.as_str()));
+        }
+        self.emit(Op::Struct(names.into()));
+        Ok(())
+    }
+
+    fn available(&self, place: Place, name: &str, since: Since) -> Result<(), Error> {
+        if self.version.has(since) {
+            return Ok(());
+        }
+        let text = format!("{name}() is not available in version {}", self.version);
+        Err(Error::new(place, text))
+    }
+
     fn call(&mut self, call: &Call) -> Result<(), Error> {
+        self.place = call.place;
         if let Some((number, function)) = self.function_of.get(call.name.as_str()).copied() {
             if function.thread {
                 return Err(Error::new(
-                    self.line,
+                    self.place,
                     format!("{} is a thread: run it", call.name),
                 ));
             }
@@ -274,20 +362,26 @@ impl<'a> Compiler<'a> {
             self.emit(Op::Call(number));
             return Ok(());
         }
+        if call.name == "struct" {
+            return self.structure(call);
+        }
         let Some((number, builtin)) = builtins::find(&call.name) else {
-            return Err(Error::new(self.line, format!("no function {}", call.name)));
+            return Err(Error::new(self.place, format!("no function {}", call.name)));
         };
+        self.available(call.place, builtin.name, versions::since(builtin.name))?;
         let count = self.arguments(call, &builtin_params(builtin))?;
+        self.place = call.place;
         self.emit(Op::Builtin(number, count));
         Ok(())
     }
 
     /// Pushes one value for each parameter: given by position, by name, or the default.
     fn arguments(&mut self, call: &Call, params: &[(&str, Option<Value>)]) -> Result<usize, Error> {
-        let refuse = |line, text: String| Err(Error::new(line, format!("{}(): {text}", call.name)));
+        let refuse =
+            |place, text: String| Err(Error::new(place, format!("{}(): {text}", call.name)));
         if call.positional.len() > params.len() {
             return refuse(
-                self.line,
+                self.place,
                 format!(
                     "{} arguments, at most {}",
                     call.positional.len(),
@@ -299,7 +393,7 @@ impl<'a> Compiler<'a> {
         for (index, (name, _)) in call.named.iter().enumerate() {
             let again = call.named[..index].iter().any(|(other, _)| other == name);
             if again || !later.iter().any(|(param, _)| param == name) {
-                return refuse(self.line, format!("no parameter {name} is free"));
+                return refuse(self.place, format!("no parameter {name} is free"));
             }
         }
         for (index, (param, default)) in params.iter().enumerate() {
@@ -311,7 +405,7 @@ impl<'a> Compiler<'a> {
             match (call.positional.get(index).or(named), default) {
                 (Some(given), _) => self.expression(given)?,
                 (None, Some(default)) => drop(self.emit(Op::Const(default.clone()))),
-                (None, None) => return refuse(self.line, format!("argument {param} is missing")),
+                (None, None) => return refuse(self.place, format!("argument {param} is missing")),
             }
         }
         Ok(params.len())
@@ -329,7 +423,7 @@ impl<'a> Compiler<'a> {
 
     fn emit(&mut self, op: Op) -> usize {
         self.ops.push(op);
-        self.lines.push(self.line);
+        self.places.push(self.place);
         self.ops.len() - 1
     }
 

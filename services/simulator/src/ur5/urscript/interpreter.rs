@@ -4,10 +4,12 @@
 use std::sync::Arc;
 
 use super::{
-    Error,
+    Error, Place,
     builtins::{self, Context, Outcome},
     code::{Op, Program, Symbol},
-    operators::{binary, is_nested, item, store_item, truth, unary},
+    operators::{binary, truth, unary},
+    parts::{self, PathStep, item},
+    sockets::Sockets,
     syntax::Scope,
     value::Value,
 };
@@ -18,6 +20,10 @@ use crate::ur5::robot::{Robot, ThreadId, Ticket};
 const OPS_PER_CYCLE: u32 = 6_000;
 /// Handle of the program's body, which no thread gets: programs initialise their handles with 0 and kill that.
 const BODY: i32 = -1;
+/// Elements of all values that a program may hold.
+const MAX_HELD: usize = 2_000_000;
+/// They are counted after so many elements of values were made.
+const COUNT_AFTER: usize = 500_000;
 const MAX_CALLS: usize = 100;
 const MAX_THREADS: usize = 50;
 
@@ -30,8 +36,11 @@ pub struct Machine {
     slots: Vec<Slot>,
     /// Handle of the thread started last.
     last_handle: i32,
-    /// The only slot that runs.
+    /// The slot whose time slice is not cut short.
     critical: Option<usize>,
+    sockets: Sockets,
+    /// Elements of values made since they were all counted last.
+    made: usize,
 }
 
 /// Room for one thread. A running thread is taken out, so that it can reach the rest of the machine.
@@ -50,6 +59,8 @@ struct Thread {
     stack: Vec<Value>,
     calls: Vec<Call>,
     wait: Wait,
+    /// When the built-in began that is not done yet.
+    began_s: Option<f64>,
 }
 
 #[derive(Debug)]
@@ -70,6 +81,10 @@ pub enum Wait {
     PathTime(f64),
     /// The end of a motion.
     Motion(Ticket),
+    /// The end of a motion, or that it has come within its blend radius.
+    Blend(Ticket),
+    /// That nobody has a message box before them.
+    Popup,
     /// The end of another thread.
     Thread(i32),
 }
@@ -103,6 +118,8 @@ impl Machine {
             slots: vec![Slot::Waiting(body)],
             last_handle: 0,
             critical: None,
+            sockets: Sockets::new(Arc::clone(&robot.network)),
+            made: 0,
         }
     }
 
@@ -114,9 +131,19 @@ impl Machine {
     /// One cycle. Gives how the program ended, once it has.
     pub fn step(&mut self, robot: &mut Robot) -> Option<Ending> {
         let share = OPS_PER_CYCLE / self.live().max(1) as u32;
+        // A critical section that was cut short by the end of the cycle goes on before any other thread.
+        let first = self.critical;
+        if let Some(critical) = first {
+            match self.step_thread(critical, OPS_PER_CYCLE, robot) {
+                Ok(true) if self.critical == Some(critical) => return None,
+                Ok(true) => {}
+                Ok(false) => return Some(Ending::Finished),
+                Err(error) => return Some(Ending::Failed(error)),
+            }
+        }
         let mut slot = 0;
-        while slot < self.slots.len() {
-            if self.critical.is_none_or(|critical| critical == slot) {
+        while slot < self.slots.len() && self.critical.is_none() {
+            if first != Some(slot) {
                 match self.step_thread(slot, share, robot) {
                     Ok(true) => {}
                     Ok(false) => return Some(Ending::Finished),
@@ -141,16 +168,21 @@ impl Machine {
         };
         thread.wait = wait;
         while due && ops > 0 {
-            let line = thread.line(&self.program);
+            let place = thread.place(&self.program);
             match self
                 .operate(slot, &mut thread, robot)
-                .map_err(|text| Error::new(line, text))?
+                .map_err(|text| Error::new(place, text))?
             {
                 Flow::Next(cost) => {
                     ops = ops.saturating_sub(cost);
                     thread.wait = Wait::Cycle;
                 }
                 Flow::Wait(wait) => {
+                    // What waits does not hold its time slice, critical or not: programs wait for motions and
+                    // sockets in critical sections while other threads move the arm.
+                    if self.critical == Some(slot) {
+                        self.critical = None;
+                    }
                     thread.wait = wait;
                     break;
                 }
@@ -187,6 +219,8 @@ impl Machine {
                 *left_s <= 1e-9
             }
             Wait::Motion(ticket) => robot.has_ended(*ticket),
+            Wait::Blend(ticket) => robot.may_blend(*ticket) || robot.has_ended(*ticket),
+            Wait::Popup => !robot.popup_open,
             Wait::Thread(handle) => self.slot_of(*handle).is_none(),
         }
     }
@@ -204,6 +238,7 @@ impl Machine {
         let Some(op) = program.functions[call.function].ops.get(call.next) else {
             return Ok(Flow::ThreadEnds);
         };
+        let at = call.next;
         call.next += 1;
         match op {
             Op::Const(value) => thread.stack.push(value.clone()),
@@ -215,17 +250,35 @@ impl Machine {
                 let value = thread.pop();
                 self.store(thread, *scope, *symbol, value);
             }
-            Op::StoreItem(symbol) => {
-                let (value, index) = (thread.pop(), thread.pop());
+            Op::StorePart(symbol, path) => {
+                let value = thread.pop();
+                let indices = thread.pop_many(index_count(path));
                 let variable = self.variable(thread, *symbol)?;
-                store_item(variable, &index, value)?;
+                parts::store(variable, path, &indices, value)?;
+                let weight = variable.bounded()?;
+                return self.made(thread, weight);
+            }
+            Op::Method(symbol, path, method, count) => {
+                let arguments = thread.pop_many(*count);
+                let indices = thread.pop_many(index_count(path));
+                let variable = self.variable(thread, *symbol)?;
+                let result = method.call(variable, path, &indices, &arguments)?;
+                let weight = variable.bounded()? + result.bounded()?;
+                thread.stack.push(result);
+                return self.made(thread, weight);
             }
             Op::List(count) => {
-                let items = thread.pop_many(*count);
-                if items.iter().any(is_nested) {
-                    return Err("lists are at most two levels deep".to_owned());
-                }
-                thread.stack.push(Value::List(Arc::new(items)));
+                let list = Value::list(thread.pop_many(*count));
+                return self.push(thread, list);
+            }
+            Op::Struct(names) => {
+                let members = names.iter().cloned().zip(thread.pop_many(names.len()));
+                let structure = Value::Struct(Arc::new(members.collect()));
+                return self.push(thread, structure);
+            }
+            Op::Member(name) => {
+                let owner = thread.pop();
+                thread.stack.push(parts::member(&owner, name)?);
             }
             Op::Pose => {
                 let numbers: Option<Vec<_>> =
@@ -241,11 +294,11 @@ impl Machine {
             }
             Op::Unary(operator) => {
                 let operand = thread.pop();
-                thread.stack.push(unary(*operator, &operand)?);
+                return self.push(thread, unary(*operator, &operand)?);
             }
             Op::Binary(operator) => {
                 let (right, left) = (thread.pop(), thread.pop());
-                thread.stack.push(binary(*operator, &left, &right)?);
+                return self.push(thread, binary(*operator, &left, &right)?);
             }
             Op::Jump(to) => call.next = *to,
             Op::JumpIfFalse(to) => {
@@ -278,19 +331,32 @@ impl Machine {
             }
             Op::Builtin(number, count) => {
                 let arguments = thread.pop_many(*count);
+                let now_s = robot.now_s();
                 let mut context = Context {
                     robot,
+                    sockets: &mut self.sockets,
                     thread: thread.id,
                     secondary: program.secondary,
+                    waited_s: thread.began_s.map(|began_s| now_s - began_s),
                 };
                 return match builtins::call(*number, &mut context, &arguments)? {
                     Outcome::Value(value) => {
-                        thread.stack.push(value);
-                        Ok(Flow::Next(builtins::cost(*number)))
+                        thread.began_s = None;
+                        let cost = builtins::cost(*number);
+                        match self.push(thread, value)? {
+                            Flow::Next(more) => Ok(Flow::Next(cost + more)),
+                            other => Ok(other),
+                        }
                     }
                     Outcome::Wait(wait) => {
                         thread.stack.push(Value::None);
                         Ok(Flow::Wait(wait))
+                    }
+                    Outcome::Again => {
+                        thread.began_s.get_or_insert(now_s);
+                        thread.stack.extend(arguments);
+                        thread.jump(at);
+                        Ok(Flow::Wait(Wait::Cycle))
                     }
                 };
             }
@@ -328,6 +394,36 @@ impl Machine {
             Op::Halt => return Ok(Flow::ProgramEnds),
         }
         Ok(Flow::Next(1))
+    }
+
+    /// Pushes a value just made.
+    fn push(&mut self, thread: &mut Thread, value: Value) -> Result<Flow, String> {
+        let weight = value.bounded()?;
+        thread.stack.push(value);
+        self.made(thread, weight)
+    }
+
+    /// A value of this weight was made. Once in a while all that the program holds is counted.
+    fn made(&mut self, running: &Thread, weight: usize) -> Result<Flow, String> {
+        self.made += weight;
+        if self.made > COUNT_AFTER {
+            self.made = 0;
+            let mut room = MAX_HELD;
+            let mut count = |value: &Value| {
+                room = room.saturating_sub(value.weight());
+                room > 0
+            };
+            let fits = self.globals.iter().flatten().all(&mut count)
+                && self.slots.iter().all(|slot| match slot {
+                    Slot::Waiting(thread) => thread.values().all(&mut count),
+                    Slot::Free | Slot::Running => true,
+                })
+                && running.values().all(&mut count);
+            if !fits {
+                return Err(format!("the program holds more than {MAX_HELD} elements"));
+            }
+        }
+        Ok(Flow::Next(1 + weight as u32 / 8))
     }
 
     fn start(
@@ -418,14 +514,20 @@ impl Thread {
                 locals,
             }],
             wait: Wait::Cycle,
+            began_s: None,
         }
     }
 
-    fn line(&self, program: &Program) -> u32 {
+    fn place(&self, program: &Program) -> Place {
         let call = self.calls.last();
-        call.and_then(|call| program.functions[call.function].lines.get(call.next))
+        call.and_then(|call| program.functions[call.function].places.get(call.next))
             .copied()
             .unwrap_or_default()
+    }
+
+    fn values(&self) -> impl Iterator<Item = &Value> {
+        let locals = self.calls.iter().flat_map(|call| &call.locals);
+        self.stack.iter().chain(locals.map(|(_, value)| value))
     }
 
     fn pop(&mut self) -> Value {
@@ -463,6 +565,10 @@ impl Call {
             .find(|(name, _)| *name == symbol)
             .map(|(_, value)| value)
     }
+}
+
+fn index_count(path: &[PathStep]) -> usize {
+    path.iter().filter(|step| **step == PathStep::Index).count()
 }
 
 fn thread_handle(value: &Value) -> Result<i32, String> {

@@ -19,13 +19,15 @@ pub enum Token {
     Newline,
 }
 
-/// A token and the line it stands on, from 1.
+/// A token and where it begins, from 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placed {
     /// The token.
     pub token: Token,
     /// Its line.
     pub line: u32,
+    /// Its column, in characters.
+    pub column: u32,
 }
 
 /// Longer ones first.
@@ -42,6 +44,7 @@ pub fn tokens(text: &str) -> Result<Vec<Placed>, Error> {
     let mut lexer = Lexer {
         rest: text,
         line: 1,
+        column: 1,
         open: 0,
         placed: Vec::new(),
     };
@@ -53,6 +56,7 @@ pub fn tokens(text: &str) -> Result<Vec<Placed>, Error> {
 struct Lexer<'a> {
     rest: &'a str,
     line: u32,
+    column: u32,
     /// Open round and square brackets.
     open: u32,
     placed: Vec<Placed>,
@@ -70,6 +74,7 @@ impl Lexer<'_> {
                 }
                 self.line += 1;
                 self.skip(1);
+                self.column = 1;
             }
             '#' => self.skip_line(),
             // Labels of the programming screen: "$ 2 "MoveJ"".
@@ -97,7 +102,7 @@ impl Lexer<'_> {
             .find(['"', '\n'])
             .filter(|end| body[*end..].starts_with('"'))
         else {
-            return Err(Error::new(self.line, "string without end"));
+            return Err(self.error("string without end"));
         };
         let text = body[..length].to_owned();
         self.push(Token::Text(text));
@@ -127,7 +132,7 @@ impl Lexer<'_> {
                 .map(Token::Float)
         });
         let Some(token) = token else {
-            return Err(Error::new(self.line, format!("{word} is no number")));
+            return Err(self.error(format!("{word} is no number")));
         };
         self.push(token);
         self.skip(length);
@@ -137,10 +142,7 @@ impl Lexer<'_> {
     fn sign(&mut self) -> Result<(), Error> {
         let Some(sign) = SIGNS.into_iter().find(|sign| self.rest.starts_with(sign)) else {
             let first = self.rest.chars().next().unwrap_or_default();
-            return Err(Error::new(
-                self.line,
-                format!("unexpected character {first:?}"),
-            ));
+            return Err(self.error(format!("unexpected character {first:?}")));
         };
         match sign {
             "(" | "[" => self.open += 1,
@@ -150,6 +152,10 @@ impl Lexer<'_> {
         self.push(Token::Sign(sign));
         self.skip(sign.len());
         Ok(())
+    }
+
+    fn error(&self, text: impl Into<String>) -> Error {
+        Error::new((self.line, self.column), text)
     }
 
     fn length_where(&self, belongs: impl Fn(char) -> bool) -> usize {
@@ -163,6 +169,7 @@ impl Lexer<'_> {
     }
 
     fn skip(&mut self, bytes: usize) {
+        self.column += self.rest[..bytes].chars().count() as u32;
         self.rest = &self.rest[bytes..];
     }
 
@@ -170,6 +177,7 @@ impl Lexer<'_> {
         self.placed.push(Placed {
             token,
             line: self.line,
+            column: self.column,
         });
     }
 }

@@ -1,8 +1,9 @@
-//! What operators and indices do with values.
+//! What operators do with values.
 
-use std::{cmp::Ordering, sync::Arc};
+use std::cmp::Ordering;
 
 use super::{
+    arrays,
     syntax::{Binary, Unary},
     value::Value,
 };
@@ -16,59 +17,15 @@ pub fn truth(value: &Value) -> Result<bool, String> {
     }
 }
 
-/// A list whose own elements are lists.
-pub fn is_nested(value: &Value) -> bool {
-    matches!(value, Value::List(items) if items.iter().any(|item| matches!(item, Value::List(_))))
-}
-
-fn position(index: &Value, length: usize) -> Result<usize, String> {
-    let number = match index {
-        Value::Int(number) => Some(f64::from(*number)),
-        Value::Float(number) if number.fract() == 0.0 => Some(*number),
-        _ => None,
-    };
-    let number = number.ok_or_else(|| format!("{} where an index should be", index.kind()))?;
-    if number >= 0.0 && number < length as f64 {
-        Ok(number as usize)
-    } else {
-        Err(format!("index {number} in a list of {length}"))
-    }
-}
-
-/// `list[index]`
-pub fn item(list: &Value, index: &Value) -> Result<Value, String> {
-    match list {
-        Value::List(items) => Ok(items[position(index, items.len())?].clone()),
-        Value::Pose(pose) => Ok(Value::Float(pose[position(index, 6)?])),
-        other => Err(format!("{} has no elements", other.kind())),
-    }
-}
-
-/// `variable[index] = value`
-pub fn store_item(variable: &mut Value, index: &Value, value: Value) -> Result<(), String> {
-    match variable {
-        Value::List(items) => {
-            let at = position(index, items.len())?;
-            if is_nested(&value) {
-                return Err("lists are at most two levels deep".to_owned());
-            }
-            Arc::make_mut(items)[at] = value;
-        }
-        Value::Pose(pose) => {
-            let number = value.number().ok_or("a pose is made of numbers")?;
-            pose[position(index, 6)?] = number;
-        }
-        other => return Err(format!("{} has no elements", other.kind())),
-    }
-    Ok(())
-}
-
 /// `-a`, `not a`
 pub fn unary(operator: Unary, operand: &Value) -> Result<Value, String> {
     match (operator, operand) {
         (Unary::Not, value) => Ok(Value::Bool(!truth(value)?)),
         (Unary::Negate, Value::Int(value)) => Ok(Value::Int(value.wrapping_neg())),
         (Unary::Negate, Value::Float(value)) => Ok(Value::Float(-value)),
+        (Unary::Negate, Value::List(_)) => {
+            arrays::elementwise(Binary::Subtract, &Value::Int(0), operand)
+        }
         (Unary::Negate, other) => Err(format!("- of {}", other.kind())),
     }
 }
@@ -97,7 +54,7 @@ pub fn binary(operator: Binary, left: &Value, right: &Value) -> Result<Value, St
         }
     }
     let (Some(a), Some(b)) = (left.number(), right.number()) else {
-        return Err(mismatch());
+        return arrays::binary(operator, left, right).unwrap_or_else(|| Err(mismatch()));
     };
     let ordered = |wanted: &[Ordering]| {
         Ok(Value::Bool(

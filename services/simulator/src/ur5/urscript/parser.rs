@@ -2,12 +2,10 @@
 
 mod expressions;
 
-use std::sync::Arc;
-
 use super::{
-    Error,
+    Error, Place,
     lexer::{Placed, Token},
-    syntax::{Expression, Function, Scope, Statement, StatementKind, Unit},
+    syntax::{Expression, Function, Scope, Statement, StatementKind, Step, Unit},
     value::Value,
 };
 
@@ -46,7 +44,7 @@ pub fn parse(tokens: &[Placed]) -> Result<Unit, Error> {
         params: Vec::new(),
         body,
         thread: false,
-        line: 1,
+        place: (1, 1),
     };
     Ok(Unit {
         main,
@@ -85,7 +83,7 @@ impl Parser<'_> {
 
     /// `name(params): body end`
     fn function(&mut self, thread: bool) -> Result<Function, Error> {
-        let line = self.line();
+        let place = self.place();
         let name = self.name("a function name")?;
         let mut params = Vec::new();
         self.sign("(")?;
@@ -110,14 +108,14 @@ impl Parser<'_> {
             params,
             body,
             thread,
-            line,
+            place,
         })
     }
 
     fn constant(&mut self) -> Result<Value, Error> {
-        let line = self.line();
+        let place = self.place();
         let expression = self.expression()?;
-        constant(&expression).ok_or_else(|| Error::new(line, "a default must be a constant"))
+        constant(&expression).ok_or_else(|| Error::new(place, "a default must be a constant"))
     }
 
     /// Statements up to one of these words, one level deeper.
@@ -141,9 +139,9 @@ impl Parser<'_> {
             {
                 return Ok(statements);
             }
-            let line = self.line();
+            let place = self.place();
             let kind = self.statement()?;
-            statements.push(Statement { line, kind });
+            statements.push(Statement { place, kind });
             // A statement may also begin on the line on which the last one ends: foreign programs do so.
             let another_follows = matches!(self.peek(), None | Some(Token::Name(_)));
             if !self.take_newline() && !another_follows {
@@ -233,46 +231,43 @@ impl Parser<'_> {
         }
     }
 
-    /// `name = ...`, or `name[...] = ...`, which needs a look at where the bracket closes.
+    /// `name = ...`, or `name[...].member = ...`, which needs a look at what follows the last bracket.
     fn is_assignment(&self) -> bool {
-        match self.tokens.get(self.at + 1).map(|placed| &placed.token) {
-            Some(Token::Sign("=")) => true,
-            Some(Token::Sign("[")) => {
-                let mut open = 0;
-                for (index, placed) in self.tokens.iter().enumerate().skip(self.at + 1) {
-                    match placed.token {
-                        Token::Sign("[") => open += 1,
-                        Token::Sign("]") => open -= 1,
-                        Token::Newline => return false,
-                        _ => {}
-                    }
-                    if open == 0 {
-                        return self
-                            .tokens
-                            .get(index + 1)
-                            .is_some_and(|next| next.token == Token::Sign("="));
-                    }
-                }
-                false
+        let mut open = 0;
+        for placed in self.tokens.iter().skip(self.at + 1) {
+            match &placed.token {
+                Token::Sign("[") => open += 1,
+                Token::Sign("]") => open -= 1,
+                Token::Newline => return false,
+                _ if open > 0 => {}
+                Token::Sign("=") => return open == 0,
+                Token::Sign(".") | Token::Name(_) => {}
+                _ => return false,
             }
-            _ => false,
         }
+        false
     }
 
     fn assignment(&mut self, scope: Scope) -> Result<StatementKind, Error> {
         let name = self.name("a variable")?;
-        let mut index = None;
-        if self.take_sign("[") {
-            index = Some(self.expression()?);
-            self.sign("]")?;
+        let mut path = Vec::new();
+        loop {
+            if self.take_sign("[") {
+                path.extend(self.indices()?.into_iter().map(Step::Index));
+            } else if self.take_sign(".") {
+                path.push(Step::Member(self.name("a member")?));
+            } else {
+                break;
+            }
+            self.count_operator()?;
         }
         let declared_only =
             scope != Scope::Nearest && matches!(self.peek(), None | Some(Token::Newline));
-        if declared_only && index.is_none() {
+        if declared_only && path.is_empty() {
             return Ok(StatementKind::Assign {
                 scope,
                 name,
-                index,
+                path,
                 value: Expression::Literal(Value::None),
             });
         }
@@ -280,7 +275,7 @@ impl Parser<'_> {
         Ok(StatementKind::Assign {
             scope,
             name,
-            index,
+            path,
             value: self.expression()?,
         })
     }
@@ -299,7 +294,7 @@ impl Parser<'_> {
         self.operators += 1;
         if self.operators > MAX_OPERATORS {
             return Err(Error::new(
-                self.line(),
+                self.place(),
                 format!("more than {MAX_OPERATORS} operators in one statement"),
             ));
         }
@@ -308,7 +303,7 @@ impl Parser<'_> {
 
     fn too_deep(&self) -> Error {
         Error::new(
-            self.line(),
+            self.place(),
             format!("nested deeper than {MAX_DEPTH} levels"),
         )
     }
@@ -317,11 +312,12 @@ impl Parser<'_> {
         self.tokens.get(self.at).map(|placed| &placed.token)
     }
 
-    fn line(&self) -> u32 {
+    /// Line and column of the token at hand.
+    fn place(&self) -> Place {
         self.tokens
             .get(self.at)
             .or(self.tokens.last())
-            .map_or(1, |placed| placed.line)
+            .map_or((1, 1), |placed| (placed.line, placed.column))
     }
 
     fn skip_newlines(&mut self) {
@@ -389,7 +385,7 @@ impl Parser<'_> {
             Some(Token::Sign(sign)) => (*sign).to_owned(),
             Some(token) => format!("{token:?}"),
         };
-        Error::new(self.line(), format!("{found} where {wanted} should be"))
+        Error::new(self.place(), format!("{found} where {wanted} should be"))
     }
 }
 
@@ -429,9 +425,9 @@ fn is_keyword(word: &str) -> bool {
 fn constant(expression: &Expression) -> Option<Value> {
     match expression {
         Expression::Literal(value) => Some(value.clone()),
-        Expression::List(items) => Some(Value::List(Arc::new(
+        Expression::List(items) => Some(Value::list(
             items.iter().map(constant).collect::<Option<_>>()?,
-        ))),
+        )),
         Expression::Pose(items) => {
             let numbers = items
                 .iter()

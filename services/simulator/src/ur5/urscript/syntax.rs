@@ -1,6 +1,6 @@
 //! The tree of a program.
 
-use super::value::Value;
+use super::{Place, value::Value};
 
 /// What one upload holds.
 #[derive(Debug)]
@@ -23,14 +23,14 @@ pub struct Function {
     /// A thread: to be run, not called.
     pub thread: bool,
     /// Where it begins.
-    pub line: u32,
+    pub place: Place,
 }
 
-/// A statement and its line.
+/// A statement and where it begins.
 #[derive(Debug)]
 pub struct Statement {
-    /// From 1.
-    pub line: u32,
+    /// Line and column.
+    pub place: Place,
     /// What it does.
     pub kind: StatementKind,
 }
@@ -51,14 +51,14 @@ pub enum Scope {
 pub enum StatementKind {
     /// A call, usually.
     Expression(Expression),
-    /// `name = value`, `name[index] = value`
+    /// `name = value`, `name[index] = value`, `name.member = value`
     Assign {
         /// Where.
         scope: Scope,
         /// Variable.
         name: String,
-        /// Element of a list or a pose.
-        index: Option<Expression>,
+        /// From the variable to the part that changes.
+        path: Vec<Step>,
         /// What.
         value: Expression,
     },
@@ -91,6 +91,15 @@ pub enum StatementKind {
     Define(Function),
 }
 
+/// From a value to one of its parts.
+#[derive(Debug)]
+pub enum Step {
+    /// `[index]`
+    Index(Expression),
+    /// `.name`
+    Member(String),
+}
+
 /// What gives a value.
 #[derive(Debug)]
 pub enum Expression {
@@ -104,6 +113,17 @@ pub enum Expression {
     Pose(Vec<Expression>),
     /// `a[b]`
     Index(Box<Expression>, Box<Expression>),
+    /// `a.b`
+    Member(Box<Expression>, String),
+    /// `a.append(b)`: a method of what a variable holds, which it may change.
+    Method {
+        /// Variable.
+        name: String,
+        /// From the variable to what the method belongs to.
+        path: Vec<Step>,
+        /// Method and arguments.
+        call: Call,
+    },
     /// `-a`, `not a`
     Unary(Unary, Box<Expression>),
     /// `a + b`
@@ -121,6 +141,8 @@ pub enum Expression {
 /// Function and arguments.
 #[derive(Debug)]
 pub struct Call {
+    /// Where it begins.
+    pub place: Place,
     /// Function.
     pub name: String,
     /// Arguments by position.

@@ -1,10 +1,18 @@
+mod language;
+mod movement;
+mod sockets;
+
 use proptest::prelude::*;
 
-use super::{Ending, Machine, compile};
+use super::{Ending, Machine};
 use crate::ur5::{
-    Config,
+    Config, Series,
     robot::{Message, Robot},
 };
+
+fn compile(text: &str) -> Result<super::Program, super::Error> {
+    super::compile(text, Series::Cb3.default_version())
+}
 
 /// Runs a program for at most so many cycles of a robot that stands ready.
 struct Run {
@@ -14,10 +22,17 @@ struct Run {
 
 impl Run {
     fn of(text: &str, cycles: usize) -> Self {
-        let program = compile(text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        Self::on(text, cycles, Series::Cb3, "3.15.8")
+    }
+
+    fn on(text: &str, cycles: usize, series: Series, version: &str) -> Self {
+        let version = version.parse().unwrap();
+        let program =
+            super::compile(text, version).unwrap_or_else(|error| panic!("{error}\n{text}"));
         let mut robot = Robot::new(Config {
             powered: true,
-            ..Config::default()
+            version: Some(version),
+            ..Config::of(series)
         });
         let mut machine = Machine::new(program, &mut robot);
         let mut ending = None;
@@ -43,7 +58,12 @@ impl Run {
 
 /// What a program of these lines says.
 fn say(lines: &str) -> Vec<String> {
-    let run = Run::of(&format!("def test():\n{lines}\nend\n"), 1000);
+    said_by(lines, Series::Cb3, "3.15.8")
+}
+
+fn said_by(lines: &str, series: Series, version: &str) -> Vec<String> {
+    let text = format!("def test():\n{lines}\nend\n");
+    let run = Run::on(&text, 1000, series, version);
     assert_eq!(run.ending, Some(Ending::Finished), "{lines}");
     run.said()
 }
@@ -167,7 +187,8 @@ fn threads_run_side_by_side_and_can_be_killed_and_joined() {
 }
 
 #[test]
-fn a_critical_section_keeps_other_threads_out() {
+fn a_critical_section_is_not_interrupted_by_other_threads() {
+    // More work than one cycle has room for.
     let lines = "
       global count = 0
       thread counter():
@@ -180,12 +201,38 @@ fn a_critical_section_keeps_other_threads_out() {
       sync()
       enter_critical
       before = count
-      sleep(0.1)
+      i = 0
+      while i < 3000:
+        i = i + 1
+      end
       textmsg(count - before)
       exit_critical
-      sleep(0.1)
+      i = 0
+      while i < 3000:
+        i = i + 1
+      end
       textmsg(count > before)";
     assert_eq!(say(lines), ["0", "True"]);
+}
+
+#[test]
+fn what_waits_in_a_critical_section_lets_others_run_meanwhile() {
+    let lines = "
+      global count = 0
+      thread counter():
+        while True:
+          enter_critical
+          count = count + 1
+          sync()
+          exit_critical
+        end
+      end
+      h = run counter()
+      enter_critical
+      sleep(0.1)
+      textmsg(count > 5)
+      exit_critical";
+    assert_eq!(say(lines), ["True"]);
 }
 
 #[test]

@@ -2,6 +2,28 @@
 
 use std::{fmt, sync::Arc};
 
+/// Scalars in one value: bounds what one operation can cost.
+pub const MAX_WEIGHT: usize = 4096;
+/// Lists and structs inside each other.
+const MAX_NESTING: usize = 4;
+
+/// Elements and how many there may be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct List {
+    /// The elements.
+    pub items: Vec<Value>,
+    /// Most that methods may make of them.
+    pub capacity: usize,
+}
+
+impl std::ops::Deref for List {
+    type Target = [Value];
+
+    fn deref(&self) -> &[Value] {
+        &self.items
+    }
+}
+
 /// A value. Lists share their elements until one of them changes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
@@ -15,18 +37,65 @@ pub enum Value {
     Float(f64),
     /// Text.
     Text(Arc<str>),
-    /// List of scalars, poses or flat lists.
-    List(Arc<Vec<Value>>),
+    /// List of values; of lists of numbers, a matrix.
+    List(Arc<List>),
     /// `p[x, y, z, rx, ry, rz]`
     Pose([f64; 6]),
+    /// `struct(a=1)`
+    Struct(Arc<Vec<(Arc<str>, Value)>>),
 }
 
 impl Value {
     /// A list of numbers.
     pub fn floats(values: &[f64]) -> Self {
-        Self::List(Arc::new(
-            values.iter().map(|value| Self::Float(*value)).collect(),
-        ))
+        Self::list(values.iter().map(|value| Self::Float(*value)).collect())
+    }
+
+    /// A list that is full.
+    pub fn list(items: Vec<Self>) -> Self {
+        let capacity = items.len();
+        Self::List(Arc::new(List { items, capacity }))
+    }
+
+    /// Scalars in it; of a text, a share of its length.
+    pub fn weight(&self) -> usize {
+        match self {
+            Self::List(items) => 1 + items.iter().map(Self::weight).sum::<usize>(),
+            Self::Struct(members) => {
+                1 + members
+                    .iter()
+                    .map(|(_, value)| value.weight())
+                    .sum::<usize>()
+            }
+            Self::Text(text) => 1 + text.len() / 16,
+            Self::Pose(_) => 6,
+            _ => 1,
+        }
+    }
+
+    fn nesting(&self) -> usize {
+        match self {
+            Self::List(items) => 1 + items.iter().map(Self::nesting).max().unwrap_or_default(),
+            Self::Struct(members) => {
+                let inside = members.iter().map(|(_, value)| value.nesting());
+                1 + inside.max().unwrap_or_default()
+            }
+            _ => 0,
+        }
+    }
+
+    /// Its weight, when that and its depth are within what a program may make.
+    pub fn bounded(&self) -> Result<usize, String> {
+        let (weight, nesting) = (self.weight(), self.nesting());
+        if weight > MAX_WEIGHT {
+            return Err(format!(
+                "a value of {weight} elements, at most {MAX_WEIGHT}"
+            ));
+        }
+        if nesting > MAX_NESTING {
+            return Err(format!("lists are at most {MAX_NESTING} levels deep"));
+        }
+        Ok(weight)
     }
 
     /// What it is, for messages.
@@ -39,6 +108,7 @@ impl Value {
             Self::Text(_) => "string",
             Self::List(_) => "list",
             Self::Pose(_) => "pose",
+            Self::Struct(_) => "struct",
         }
     }
 
@@ -96,14 +166,31 @@ impl fmt::Display for Value {
             Self::Int(value) => write!(f, "{value}"),
             Self::Float(value) => write!(f, "{value}"),
             Self::Text(text) => f.write_str(text),
-            Self::List(items) => {
-                f.write_str("[")?;
-                for (index, item) in items.iter().enumerate() {
-                    write!(f, "{}{item}", if index == 0 { "" } else { ", " })?;
-                }
-                f.write_str("]")
+            Self::List(items) => list(f, "[", items.iter(), "]"),
+            Self::Pose(pose) => {
+                f.write_str("p")?;
+                list(f, "[", pose.iter(), "]")
             }
-            Self::Pose(pose) => write!(f, "p{pose:?}"),
+            Self::Struct(members) => {
+                f.write_str("struct(")?;
+                for (index, (name, value)) in members.iter().enumerate() {
+                    write!(f, "{}{name}={value}", if index == 0 { "" } else { ", " })?;
+                }
+                f.write_str(")")
+            }
         }
     }
+}
+
+fn list<T: fmt::Display>(
+    f: &mut fmt::Formatter<'_>,
+    open: &str,
+    items: impl Iterator<Item = T>,
+    close: &str,
+) -> fmt::Result {
+    f.write_str(open)?;
+    for (index, item) in items.enumerate() {
+        write!(f, "{}{item}", if index == 0 { "" } else { ", " })?;
+    }
+    f.write_str(close)
 }

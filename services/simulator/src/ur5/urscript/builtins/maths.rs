@@ -1,12 +1,9 @@
-//! Numbers, lists, poses and texts.
+//! Numbers and poses.
 
-use std::sync::Arc;
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Args, Builtin, Outcome, Param, flag, float, required, value};
+use super::{Args, Builtin, Outcome, Param, float, required, value};
 use crate::ur5::{kinematics, motion, urscript::value::Value};
-
-/// Longest text a program can make.
-const MAX_TEXT: usize = 1023;
 
 const F: &[Param] = &[required("f")];
 const POSES: &[Param] = &[required("p_from"), required("p_to")];
@@ -83,32 +80,6 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         call: |_, args| float(args.number(0)?.to_degrees()),
     },
     Builtin {
-        name: "norm",
-        params: &[required("a")],
-        call: |_, args| match args.value(0) {
-            Value::Pose(pose) => {
-                float(pose[..3].iter().map(|part| part * part).sum::<f64>().sqrt())
-            }
-            list @ Value::List(_) => {
-                let numbers = list
-                    .numbers()
-                    .ok_or_else(|| args.wrong(0, "a list of numbers"))?;
-                float(numbers.iter().map(|part| part * part).sum::<f64>().sqrt())
-            }
-            _ => float(args.number(0)?.abs()),
-        },
-    },
-    Builtin {
-        name: "length",
-        params: &[required("v")],
-        call: |_, args| match args.value(0) {
-            Value::List(items) => value(Value::Int(items.len() as i32)),
-            Value::Text(text) => value(Value::Int(text.len() as i32)),
-            Value::Pose(_) => value(Value::Int(6)),
-            _ => Err(args.wrong(0, "a list")),
-        },
-    },
-    Builtin {
         name: "pose_trans",
         params: POSES,
         call: |_, args| pose(&(isometry(args, 0)? * isometry(args, 1)?)),
@@ -157,60 +128,47 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         },
     },
     Builtin {
-        name: "to_str",
-        params: &[required("val")],
-        call: |_, args| text(args.value(0).to_string()),
-    },
-    Builtin {
-        name: "to_num",
-        params: &[required("str")],
+        name: "pose_dist",
+        params: POSES,
         call: |_, args| {
-            let word = args.text(0)?.trim();
-            if let Ok(number) = word.parse::<i32>() {
-                return value(Value::Int(number));
-            }
-            real(word.parse().map_err(|_| format!("{word:?} is no number"))?)
+            let (from, to) = (isometry(args, 0)?, isometry(args, 1)?);
+            let twist = kinematics::twist_between(&from, &to);
+            float(twist.norm())
+        },
+    },
+    // A wrench at the origin of one frame as felt at that of another: force and torque turned, the lever added.
+    Builtin {
+        name: "wrench_trans",
+        params: &[required("T_from_to"), required("w_from")],
+        call: |_, args| {
+            let from_to = isometry(args, 0)?;
+            let [fx, fy, fz, tx, ty, tz] = args.six(1)?;
+            let (force, torque) = (Vector3::new(fx, fy, fz), Vector3::new(tx, ty, tz));
+            let turn = from_to.rotation.inverse();
+            let force_to = turn * force;
+            let torque_to = turn * (torque - from_to.translation.vector.cross(&force));
+            value(Value::floats(
+                &[force_to.as_slice(), torque_to.as_slice()].concat(),
+            ))
+        },
+    },
+    // Roll, pitch and yaw about fixed axes x, y, z.
+    Builtin {
+        name: "rotvec2rpy",
+        params: &[required("rotation_vector")],
+        call: |_, args| {
+            let rotation = Rotation3::from_scaled_axis(three(args, 0)?);
+            let (roll, pitch, yaw) = rotation.euler_angles();
+            value(Value::floats(&[roll, pitch, yaw]))
         },
     },
     Builtin {
-        name: "str_cat",
-        params: &[required("op1"), required("op2")],
-        call: |_, args| text(format!("{}{}", args.value(0), args.value(1))),
-    },
-    Builtin {
-        name: "str_empty",
-        params: &[required("str")],
-        call: |_, args| flag(args.text(0)?.is_empty()),
-    },
-    Builtin {
-        name: "integer_to_binary_list",
-        params: &[required("x")],
+        name: "rpy2rotvec",
+        params: &[required("rpy_vector")],
         call: |_, args| {
-            let number = args.whole(0)?;
-            let bits = (0..32)
-                .map(|bit| Value::Bool(number >> bit & 1 == 1))
-                .collect();
-            value(Value::List(Arc::new(bits)))
-        },
-    },
-    Builtin {
-        name: "binary_list_to_integer",
-        params: &[required("l")],
-        call: |_, args| {
-            let Value::List(bits) = args.value(0) else {
-                return Err(args.wrong(0, "a list of bools"));
-            };
-            if bits.len() > 32 {
-                return Err(format!("{} bits, at most 32", bits.len()));
-            }
-            let word = bits
-                .iter()
-                .enumerate()
-                .try_fold(0u32, |word, (bit, on)| match on {
-                    Value::Bool(on) => Ok(word | u32::from(*on) << bit),
-                    other => Err(format!("{} where a bool should be", other.kind())),
-                })?;
-            value(Value::Int(word as i32))
+            let rpy = three(args, 0)?;
+            let rotation = UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z);
+            value(Value::floats(rotation.scaled_axis().as_slice()))
         },
     },
 ];
@@ -231,20 +189,20 @@ fn whole(number: f64) -> Result<Outcome, String> {
     }
 }
 
-fn isometry(args: &Args<'_>, index: usize) -> Result<nalgebra::Isometry3<f64>, String> {
+fn three(args: &Args<'_>, index: usize) -> Result<Vector3<f64>, String> {
+    let numbers = args.value(index).numbers();
+    match numbers.as_deref() {
+        Some([x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => {
+            Ok(Vector3::new(*x, *y, *z))
+        }
+        _ => Err(args.wrong(index, "a list of three numbers")),
+    }
+}
+
+fn isometry(args: &Args<'_>, index: usize) -> Result<Isometry3<f64>, String> {
     args.pose(index).map(|pose| kinematics::from_pose(&pose))
 }
 
-fn pose(isometry: &nalgebra::Isometry3<f64>) -> Result<Outcome, String> {
+fn pose(isometry: &Isometry3<f64>) -> Result<Outcome, String> {
     value(Value::Pose(kinematics::to_pose(isometry)))
-}
-
-fn text(text: String) -> Result<Outcome, String> {
-    if text.len() > MAX_TEXT {
-        return Err(format!(
-            "a text of {} characters, at most {MAX_TEXT}",
-            text.len()
-        ));
-    }
-    value(Value::Text(Arc::from(text)))
 }

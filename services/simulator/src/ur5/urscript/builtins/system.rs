@@ -33,21 +33,6 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         call: |context, _| float(context.robot.step_s()),
     },
     Builtin {
-        name: "textmsg",
-        params: &[
-            required("s1"),
-            Param {
-                name: "s2",
-                default: Default::Text(""),
-            },
-        ],
-        call: |context, args| {
-            let text = shortened(format!("{}{}", args.value(0), args.value(1)));
-            context.robot.log.push(Message::Text(text));
-            nothing()
-        },
-    },
-    Builtin {
         name: "popup",
         params: &[
             required("s"),
@@ -73,7 +58,12 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
                 .robot
                 .log
                 .push(Message::Popup(shortened(args.value(0).to_string())));
-            nothing()
+            context.robot.popup_open = true;
+            if args.flag(4)? {
+                Ok(Outcome::Wait(Wait::Popup))
+            } else {
+                nothing()
+            }
         },
     },
     Builtin {
@@ -120,7 +110,7 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
     },
 ];
 
-fn shortened(mut text: String) -> String {
+pub(super) fn shortened(mut text: String) -> String {
     let mut end = text.len().min(MAX_MESSAGE);
     while !text.is_char_boundary(end) {
         end -= 1;

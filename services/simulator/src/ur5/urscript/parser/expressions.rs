@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::{MAX_ITEMS, Parser, is_keyword};
 use crate::ur5::urscript::{
-    Error,
+    Error, Place,
     lexer::Token,
-    syntax::{Binary, Call, Expression, Unary},
+    syntax::{Binary, Call, Expression, Step, Unary},
     value::Value,
 };
 
@@ -82,13 +82,38 @@ impl Parser<'_> {
             return self.deeper(Self::signed);
         }
         let mut operand = self.primary()?;
-        while self.take_sign("[") {
-            self.count_operator()?;
-            let index = self.expression()?;
-            self.sign("]")?;
-            operand = Expression::Index(Box::new(operand), Box::new(index));
+        loop {
+            if self.take_sign("[") {
+                for index in self.indices()? {
+                    self.count_operator()?;
+                    operand = Expression::Index(Box::new(operand), Box::new(index));
+                }
+            } else if self.take_sign(".") {
+                self.count_operator()?;
+                let place = self.place();
+                let name = self.name("a member")?;
+                operand = if self.take_sign("(") {
+                    let call = self.call(place, name)?;
+                    method(operand, call).ok_or_else(|| {
+                        Error::new(place, "a method needs a variable in front of it")
+                    })?
+                } else {
+                    Expression::Member(Box::new(operand), name)
+                };
+            } else {
+                return Ok(operand);
+            }
         }
-        Ok(operand)
+    }
+
+    /// `index]`, or `row, column]` of a matrix.
+    pub(super) fn indices(&mut self) -> Result<Vec<Expression>, Error> {
+        let mut indices = vec![self.expression()?];
+        if self.take_sign(",") {
+            indices.push(self.expression()?);
+        }
+        self.sign("]")?;
+        Ok(indices)
     }
 
     fn primary(&mut self) -> Result<Expression, Error> {
@@ -98,6 +123,7 @@ impl Parser<'_> {
             return Err(self.unexpected("a value"));
         };
         let token = placed.token.clone();
+        let place = self.place();
         self.at += 1;
         Ok(match token {
             Token::Int(value) => Expression::Literal(Value::Int(value)),
@@ -116,7 +142,7 @@ impl Parser<'_> {
                 "run" => {
                     let name = self.name("a thread")?;
                     self.sign("(")?;
-                    Expression::Run(self.call(name)?)
+                    Expression::Run(self.call(place, name)?)
                 }
                 "p" if self.take_sign("[") => {
                     let mut items = self.items("]")?;
@@ -132,7 +158,7 @@ impl Parser<'_> {
                         (count, _) => {
                             self.at -= 1;
                             let text = format!("a pose has 6 elements, not {count}");
-                            return Err(Error::new(self.line(), text));
+                            return Err(Error::new(self.place(), text));
                         }
                     }
                 }
@@ -140,7 +166,7 @@ impl Parser<'_> {
                     self.at -= 1;
                     return Err(self.unexpected("a value"));
                 }
-                _ if self.take_sign("(") => Expression::Call(self.call(name)?),
+                _ if self.take_sign("(") => Expression::Call(self.call(place, name)?),
                 _ => Expression::Name(name),
             },
             Token::Sign(_) | Token::Newline => {
@@ -151,7 +177,7 @@ impl Parser<'_> {
     }
 
     /// Arguments after the opening bracket.
-    fn call(&mut self, name: String) -> Result<Call, Error> {
+    fn call(&mut self, place: Place, name: String) -> Result<Call, Error> {
         let (mut positional, mut named) = (Vec::new(), Vec::new());
         while !self.take_sign(")") {
             let by_name = matches!(self.peek(), Some(Token::Name(_)))
@@ -167,7 +193,7 @@ impl Parser<'_> {
                 positional.push(self.expression()?);
             } else {
                 return Err(Error::new(
-                    self.line(),
+                    self.place(),
                     "an argument without name after one with name",
                 ));
             }
@@ -177,6 +203,7 @@ impl Parser<'_> {
             }
         }
         Ok(Call {
+            place,
             name,
             positional,
             named,
@@ -189,7 +216,7 @@ impl Parser<'_> {
             items.push(self.expression()?);
             if items.len() > MAX_ITEMS {
                 return Err(Error::new(
-                    self.line(),
+                    self.place(),
                     format!("more than {MAX_ITEMS} elements in a list"),
                 ));
             }
@@ -199,6 +226,28 @@ impl Parser<'_> {
             }
         }
         Ok(items)
+    }
+}
+
+/// `a[i].b` and `.append(c)` to the method of a part of a variable. `None` when no variable is in front.
+fn method(mut operand: Expression, call: Call) -> Option<Expression> {
+    let mut path = Vec::new();
+    loop {
+        match operand {
+            Expression::Name(name) => {
+                path.reverse();
+                return Some(Expression::Method { name, path, call });
+            }
+            Expression::Index(inner, index) => {
+                path.push(Step::Index(*index));
+                operand = *inner;
+            }
+            Expression::Member(inner, name) => {
+                path.push(Step::Member(name));
+                operand = *inner;
+            }
+            _ => return None,
+        }
     }
 }
 

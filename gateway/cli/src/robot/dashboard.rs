@@ -1,0 +1,61 @@
+//! One line to a controller's dashboard, and its answer.
+
+use std::time::Duration;
+
+use serde_json::json;
+use ur_link::Endpoint;
+
+use crate::arguments::Dashboard;
+use crate::exit::{Failure, Kind};
+use crate::output::Output;
+
+const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
+/// How answers begin that refuse what was asked.
+const REFUSALS: [&str; 6] = [
+    "Failed to execute",
+    "Cannot unlock",
+    "could not understand",
+    "Could not understand",
+    "File not found",
+    "Error while loading",
+];
+
+/// Asks it; an answer that refuses ends in exit code 3.
+pub async fn ask(arguments: &Dashboard, output: &Output) -> Result<(), Failure> {
+    let (host, port) = place(&arguments.controller)?;
+    let mut dashboard = ur_link::Dashboard::connect(&host, port, REPLY_TIMEOUT)
+        .await
+        .map_err(|error| unreachable(&error))?;
+    let line = arguments.line.join(" ");
+    let answer = dashboard
+        .ask(&line)
+        .await
+        .map_err(|error| unreachable(&error))?;
+    if REFUSALS.iter().any(|refusal| answer.starts_with(refusal)) {
+        return Err(Failure::refused("CONTROLLER_REFUSED", answer));
+    }
+    output.line(&answer);
+    output.result(&json!({"answer": answer}));
+    Ok(())
+}
+
+fn place(controller: &str) -> Result<(String, u16), Failure> {
+    let Some((host, port)) = controller.split_once(':') else {
+        return Ok((
+            controller.to_owned(),
+            Endpoint::new(controller).dashboard_port,
+        ));
+    };
+    let port = port.parse().map_err(|_| {
+        Failure::refused(
+            "ADDRESS_INVALID",
+            format!("{controller:?} is none; give HOST or HOST:PORT"),
+        )
+    })?;
+    Ok((host.to_owned(), port))
+}
+
+fn unreachable(error: &ur_link::Error) -> Failure {
+    let failure = Failure::refused_because("CONTROLLER_UNREACHABLE", error);
+    Failure::new(Kind::Unreachable, failure.reason, failure.message)
+}
