@@ -232,7 +232,8 @@ impl Controller {
         }
         // Defaults of movej and movel, and the radius that turns tool rotation into way.
         doubles(out, &[1.05, 1.4, 0.25, 1.2, 0.5]);
-        let dh = &self.robot.dh;
+        // As drawn: the arm's own geometry is in the kinematics.
+        let dh = config.series.dh();
         doubles(out, &dh.a_m);
         doubles(out, &dh.d_m);
         doubles(out, &dh.alpha_rad);
@@ -249,13 +250,25 @@ impl Controller {
 
     fn encode_kinematics(&self, out: &mut Vec<u8>) {
         let dh = &self.robot.dh;
-        out.extend([0; 24]); // checksums
+        // One of each joint, to tell calibrations apart.
+        for joint in 0..6 {
+            let numbers = [dh.theta_rad, dh.a_m, dh.d_m, dh.alpha_rad].map(|row| row[joint]);
+            out.extend(checksum(&numbers).to_be_bytes());
+        }
         doubles(out, &dh.theta_rad);
         doubles(out, &dh.a_m);
         doubles(out, &dh.d_m);
         doubles(out, &dh.alpha_rad);
         out.extend(0u32.to_be_bytes());
     }
+}
+
+/// FNV-1a over the bytes of the numbers; how the real controller does it is not told.
+fn checksum(numbers: &[f64]) -> u32 {
+    let bytes = numbers.iter().flat_map(|number| number.to_be_bytes());
+    bytes.fold(0x811c_9dc5, |sum, byte| {
+        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    })
 }
 
 /// Switched off: enabled, baud rate, parity, stop bits, idle characters of receiver and sender.

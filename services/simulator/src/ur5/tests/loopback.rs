@@ -662,7 +662,7 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
         stream.consume(state.program.sample_consumed).unwrap();
         while stream.wants() {
             let mut joints_rad = start.target_q;
-            let time_s = f64::from(stream.next_number()) * STEP_S;
+            let time_s = f64::from(stream.next_number()) * Series::Cb3.step_s();
             joints_rad[0] += 0.3 * (1.0 - time_s.cos());
             stream.push(joints_rad);
         }
