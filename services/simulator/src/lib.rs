@@ -118,12 +118,14 @@ impl Service for Server {
 
 /// A controller on its wires, the arm at its start.
 async fn arm(config: &ArmConfig, joints_rad: [f64; 6]) -> Result<Arm, Error> {
-    let controller = Arc::new(Mutex::new(ur5::Controller::new(ur5::Config {
+    let arm = ur5::Config {
         joints_rad,
         powered: config.powered,
         version: config.version,
         ..ur5::Config::of(config.series)
-    })));
+    };
+    arm.checked().map_err(Error::from)?;
+    let controller = Arc::new(Mutex::new(ur5::Controller::new(arm)));
     let servers = ur5::serve(Arc::clone(&controller), config.options())
         .await
         .map_err(|source| Error::Listen {

@@ -14,7 +14,7 @@ use crate::ur5::{Series, Version};
 /// Simulates the controller of one UR5 (CB3) or UR5e (e-Series): dashboard, RTDE, the primary, secondary and realtime
 /// interfaces with URScript, and faults over gRPC.
 #[derive(Debug, Parser)]
-#[command(name = "arthro-simulator ur5")]
+#[command(name = "arthro-simulator ur5", bin_name = "arthro-simulator ur5")]
 struct Flags {
     /// Address of the controller; give each controller its own, such as 127.0.0.11.
     #[arg(long, value_name = "ADDRESS")]

@@ -232,10 +232,11 @@ impl Config {
                 "within 0 .. 600 s",
             ),
             (
+                // Those of nearly parallel joints cancel and may be many metres.
                 "calibration.d_m",
                 &calibration.d_m,
-                -0.1..=0.1,
-                "within -0.1 .. 0.1 m",
+                -1000.0..=1000.0,
+                "within -1000 .. 1000 m",
             ),
             (
                 "calibration.a_m",

@@ -118,9 +118,7 @@ impl Controller {
         let line = line.trim();
         let version = self.robot.config.software();
         let known = COMMANDS.iter().find_map(|(command, since, local)| {
-            let argument = if command.ends_with(' ') {
-                line.strip_prefix(command)?
-            } else if *command == "addToLog" {
+            let argument = if command.ends_with(' ') || *command == "addToLog" {
                 line.strip_prefix(command)?
             } else {
                 (line == *command).then_some("")?

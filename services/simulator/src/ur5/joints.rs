@@ -94,8 +94,9 @@ impl Drives {
 
     /// Lets the encoders slip: what they tell jumps, the arm does not.
     pub fn slip_encoders(&mut self, offset_rad: Joints) {
-        for joint in 0..6 {
-            self.q[joint] += offset_rad[joint] - self.offset_rad[joint];
+        let slips = offset_rad.iter().zip(self.offset_rad);
+        for (q, (new, old)) in self.q.iter_mut().zip(slips) {
+            *q += new - old;
         }
         self.offset_rad = offset_rad;
     }

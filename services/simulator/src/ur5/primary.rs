@@ -54,6 +54,11 @@ impl Controller {
                 doubles(out, &[0.0]); // robot dexterity
             });
             packet(out, 8, |out| self.encode_additional(out));
+            packet(out, 9, |out| doubles(out, &[0.0; 6])); // calibration of the force
+            if self.robot.config.series == Series::E {
+                packet(out, 11, encode_tool_communication);
+                packet(out, 12, |out| out.extend([0, 0, 0])); // modes of the tool's outputs
+            }
             if detail == Detail::WithConfiguration {
                 packet(out, 5, |out| self.encode_kinematics(out));
                 packet(out, 6, |out| self.encode_configuration(out));
@@ -227,7 +232,8 @@ impl Controller {
         }
         // Defaults of movej and movel, and the radius that turns tool rotation into way.
         doubles(out, &[1.05, 1.4, 0.25, 1.2, 0.5]);
-        let dh = &self.robot.dh;
+        // As drawn: the arm's own geometry is in the kinematics.
+        let dh = config.series.dh();
         doubles(out, &dh.a_m);
         doubles(out, &dh.d_m);
         doubles(out, &dh.alpha_rad);
@@ -244,13 +250,34 @@ impl Controller {
 
     fn encode_kinematics(&self, out: &mut Vec<u8>) {
         let dh = &self.robot.dh;
-        out.extend([0; 24]); // checksums
+        // One of each joint, to tell calibrations apart.
+        for joint in 0..6 {
+            let numbers = [dh.theta_rad, dh.a_m, dh.d_m, dh.alpha_rad].map(|row| row[joint]);
+            out.extend(checksum(&numbers).to_be_bytes());
+        }
         doubles(out, &dh.theta_rad);
         doubles(out, &dh.a_m);
         doubles(out, &dh.d_m);
         doubles(out, &dh.alpha_rad);
         out.extend(0u32.to_be_bytes());
     }
+}
+
+/// FNV-1a over the bytes of the numbers; how the real controller does it is not told.
+fn checksum(numbers: &[f64]) -> u32 {
+    let bytes = numbers.iter().flat_map(|number| number.to_be_bytes());
+    bytes.fold(0x811c_9dc5, |sum, byte| {
+        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    })
+}
+
+/// Switched off: enabled, baud rate, parity, stop bits, idle characters of receiver and sender.
+fn encode_tool_communication(out: &mut Vec<u8>) {
+    out.push(0);
+    for number in [115_200i32, 0, 1] {
+        out.extend(number.to_be_bytes());
+    }
+    floats(out, &[1.5, 3.5]);
 }
 
 /// Size, type, body: packets and sub-packages alike.
@@ -312,6 +339,7 @@ mod tests {
                 (4, 101),
                 (7, 61),
                 (8, 9),
+                (9, 53),
                 (5, 225),
                 (6, 445)
             ]
@@ -324,7 +352,11 @@ mod tests {
             sizes(old)[..5],
             [(0, 38), (1, 251), (2, 37), (3, 75), (4, 53)]
         );
-        assert_eq!(sizes(Config::of(Series::E))[0], (0, 47));
+        let e = sizes(Config::of(Series::E));
+        assert_eq!(
+            (e[0], &e[6..10]),
+            ((0, 47), &[(8, 10), (9, 53), (11, 26), (12, 8)][..])
+        );
     }
 
     #[test]

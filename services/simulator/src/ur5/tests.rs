@@ -1,5 +1,6 @@
 mod loopback;
 mod modes;
+mod readers;
 mod wires;
 
 use ur_link::{RobotMode, RuntimeState, SafetyMode};

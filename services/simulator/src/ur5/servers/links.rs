@@ -16,6 +16,8 @@ pub struct Links {
     faults: Mutex<Faults>,
     /// A fault is in force.
     any: AtomicBool,
+    /// A connection holds something back, so that the clock must look.
+    held: AtomicBool,
     /// Bits of the controller's time, s.
     now_s: AtomicU64,
     outlets: Mutex<Vec<Weak<Outlet>>>,
@@ -72,9 +74,17 @@ impl Links {
     /// Time goes on: what was delayed may be due.
     pub(super) fn ticked(&self, now_s: f64) {
         self.now_s.store(now_s.to_bits(), Ordering::Release);
+        if !self.held.swap(false, Ordering::AcqRel) {
+            return;
+        }
         for outlet in self.living() {
             outlet.release(now_s);
         }
+    }
+
+    /// A connection holds something back.
+    pub(super) fn hold(&self) {
+        self.held.store(true, Ordering::Release);
     }
 
     pub(super) fn enter(&self, outlet: &Arc<Outlet>) {

@@ -26,8 +26,6 @@ pub struct Outlet {
     service: Service,
     links: Arc<Links>,
     queue: Mutex<Queue>,
-    /// Something is held, so that the clock must look.
-    holds: AtomicBool,
     is_reset: AtomicBool,
     woken: Notify,
 }
@@ -60,7 +58,6 @@ impl Outlet {
             service,
             links: links.clone(),
             queue: Mutex::default(),
-            holds: AtomicBool::new(false),
             is_reset: AtomicBool::new(false),
             woken: Notify::new(),
         });
@@ -136,7 +133,7 @@ impl Outlet {
                     return Ok(());
                 }
                 if self.is_kept() {
-                    self.holds.store(true, Ordering::Release);
+                    self.links.hold();
                     return Ok(());
                 }
             }
@@ -157,9 +154,6 @@ impl Outlet {
 
     /// Sends what is due and what a cleared fault has kept.
     pub(super) fn release(&self, now_s: f64) {
-        if !self.holds.load(Ordering::Acquire) {
-            return;
-        }
         let mut queue = lock(&self.queue);
         while let Some((_, packet)) = queue.held.pop_front_if(|(due_s, _)| *due_s <= now_s) {
             queue.held_bytes -= packet.len();
@@ -167,15 +161,17 @@ impl Outlet {
             let _ = self.send(&mut queue, &packet, Worth::Always);
         }
         if self.write_pending(&mut queue).is_ok() {
-            let rest = !queue.held.is_empty() || !queue.pending.is_empty();
-            self.holds.store(rest, Ordering::Release);
+            let is_empty = queue.held.is_empty() && queue.pending.is_empty();
+            if !is_empty {
+                self.links.hold();
+            }
         }
     }
 
     fn meet_faults(&self, packet: &[u8], places: &[Place], worth: Worth) -> io::Result<bool> {
         if self.is_kept() {
             let mut queue = lock(&self.queue);
-            self.holds.store(true, Ordering::Release);
+            self.links.hold();
             return match worth {
                 // Counted as lost by the faults.
                 Worth::OnlyNow => {
@@ -210,7 +206,7 @@ impl Outlet {
                 if queue.held_bytes + packet.len() <= MAX_HELD_BYTES {
                     queue.held_bytes += packet.len();
                     queue.held.push_back((due_s, packet));
-                    self.holds.store(true, Ordering::Release);
+                    self.links.hold();
                 }
                 Ok(false)
             }
