@@ -2,7 +2,10 @@
 
 use std::{net::SocketAddr, time::Duration};
 
-use tokio::net::{TcpSocket, TcpStream, lookup_host};
+use tokio::{
+    net::{TcpSocket, TcpStream, lookup_host},
+    time::Instant,
+};
 
 use crate::{
     RobotMode, SafetyMode, primary,
@@ -169,6 +172,13 @@ pub(crate) async fn connect_with_buffer(
         Err(last)
     };
     within(service, host, port, limit, attempt).await
+}
+
+/// When so much time will be over; a time that clocks cannot tell is a year.
+pub(crate) fn deadline(limit: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(limit)
+        .unwrap_or_else(|| now + Duration::from_secs(365 * 24 * 3600))
 }
 
 async fn within(

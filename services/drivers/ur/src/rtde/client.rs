@@ -301,7 +301,7 @@ impl Client {
         recipe: &OutputRecipe,
         silence: Duration,
     ) -> Result<&[u8], Error> {
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         self.receive(&recipe.wanted(self.version), deadline, silence)
             .await?;
         Ok(&self.data)
@@ -316,7 +316,7 @@ impl Client {
         subscription: &mut Subscription<S>,
         silence: Duration,
     ) -> Result<Sample<S>, Error> {
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         let wanted = subscription.wanted(self.version);
         loop {
             let packages = self.receive(&wanted, deadline, silence).await?;

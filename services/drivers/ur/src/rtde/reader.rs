@@ -116,7 +116,7 @@ impl<S: Outputs> Reader<S> {
     /// Waits for a state that is newer than the last, and gives the newest there is.
     ///
     /// # Errors
-    /// No new state within `silence`, a timestamp that is not a number, a violated protocol, a broken connection.
+    /// No new state within `silence` (> 0), a timestamp that is not a number, a violated protocol, a broken connection.
     pub fn next(&mut self, silence: Duration) -> Result<Sample<S>, Error> {
         let began = Instant::now();
         let mut left = silence;
