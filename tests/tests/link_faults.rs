@@ -5,6 +5,12 @@
 //! The whole path is real: the owner of the arm, its driver, sockets, the program on the simulated controller. Only time
 //! is not: the controller is ticked as fast as its client answers.
 
+#![allow(
+    clippy::panic,
+    clippy::unwrap_used,
+    reason = "a test says why it failed by panicking"
+)]
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
