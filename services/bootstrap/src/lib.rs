@@ -43,6 +43,12 @@ pub trait Service: Sized + Send + 'static {
     /// The port it listens on unless told otherwise.
     const DEFAULT_PORT: u16;
 
+    /// Full names of the gRPC services it offers, where these are not all of its package.
+    const OFFERS: Option<&'static [&'static str]> = None;
+
+    /// What `--help` says after the flags.
+    const HELP_AFTER: &'static str = "";
+
     /// The fields of the service's section beside `server`.
     type Config: Serialize + DeserializeOwned + Default + Send + Debug;
 

@@ -51,7 +51,7 @@ pub fn main<S: Service>() -> ExitCode {
 
 /// Runs a server with these arguments, the first being the program's name.
 pub fn run<S: Service>(arguments: impl IntoIterator<Item = OsString>) -> ExitStatus {
-    let command = Flags::command().name(S::NAME);
+    let command = Flags::command().name(S::NAME).after_help(S::HELP_AFTER);
     let flags = match command
         .try_get_matches_from(arguments)
         .and_then(|matches| Flags::from_arg_matches(&matches))
@@ -108,6 +108,7 @@ async fn start<S: Service>(
     let routes = Box::pin(S::build(loaded.service, drain)).await?;
     Box::pin(serve::serve(
         S::NAME,
+        S::OFFERS,
         server,
         routes,
         source,

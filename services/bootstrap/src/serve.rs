@@ -17,12 +17,16 @@ use crate::{BoxError, reflection, run};
 /// Serves `routes` until a signal, then drains.
 pub(crate) async fn serve(
     name: &'static str,
+    offers: Option<&[&str]>,
     config: ServerConfig,
     routes: Routes,
     drain: DrainSource,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
-    let services = reflection::services_of(name)?;
+    let services = match offers {
+        Some(offers) => offers.iter().map(|&service| service.to_owned()).collect(),
+        None => reflection::services_of(name)?,
+    };
     let (health, health_service) = tonic_health::server::health_reporter();
     for service in &services {
         health

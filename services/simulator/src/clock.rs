@@ -82,7 +82,9 @@ pub fn start(options: Options, driven: Driven) -> (Handle, tokio::task::JoinHand
 }
 
 async fn run(options: Options, driven: Driven, reached: Arc<Mutex<f64>>) {
-    let period = Duration::from_secs_f64(TICK_S / options.time_scale);
+    let steps = driven.steps();
+    let period = Duration::from_secs_f64(TICK_S / f64::from(steps) / options.time_scale);
+    let mut step = 0;
     let mut due = Instant::now();
     let mut speedometer = Speedometer::default();
     loop {
@@ -93,7 +95,8 @@ async fn run(options: Options, driven: Driven, reached: Arc<Mutex<f64>>) {
         } else if now > due + MAX_LAG {
             due = now;
         }
-        driven.tick();
+        step = step % steps + 1;
+        driven.step(step, steps);
         if options.time_scale > 1.0 {
             let [forceps, arthroscope] = &driven.arms;
             tokio::join!(
@@ -103,19 +106,47 @@ async fn run(options: Options, driven: Driven, reached: Arc<Mutex<f64>>) {
         }
         // The connections of the wires are tasks of the same runtime.
         tokio::task::yield_now().await;
-        if let Some(speed) = speedometer.tick(Instant::now()) {
+        if step == steps
+            && let Some(speed) = speedometer.tick(Instant::now())
+        {
             *lock(&reached) = speed;
         }
     }
 }
 
 impl Driven {
-    fn tick(&self) {
-        let joints_rad = [0, 1].map(|arm: usize| {
-            let mut controller = lock(&self.arms[arm].controller);
-            controller.tick();
-            controller.joints_rad()
+    /// Steps of a tick: as many as the fastest controller has cycles in it.
+    fn steps(&self) -> u32 {
+        let cycles = self.arms.iter().map(Arm::cycles);
+        cycles.max().unwrap_or(1)
+    }
+
+    /// One step of a tick; the last one completes it.
+    fn step(&self, step: u32, steps: u32) {
+        let due = self.arms.each_ref().map(|arm| {
+            let every = steps / arm.cycles();
+            step.is_multiple_of(every)
         });
+        for (arm, due) in self.arms.iter().zip(due) {
+            if due {
+                lock(&arm.controller).tick();
+            }
+        }
+        if step == steps {
+            self.tick_cell();
+        }
+        for (arm, due) in self.arms.iter().zip(due) {
+            if due {
+                arm.servers.ticked();
+            }
+        }
+    }
+
+    fn tick_cell(&self) {
+        let joints_rad = self
+            .arms
+            .each_ref()
+            .map(|arm| lock(&arm.controller).joints_rad());
         lock(&self.cell).tick(&joints_rad, |dt_s, now_s, mechanics| {
             self.bus.tick(dt_s, now_s, mechanics);
             self.bus.with_drives(|drives| {
@@ -126,9 +157,13 @@ impl Driven {
                 shafts_qc
             })
         });
-        for arm in &self.arms {
-            arm.servers.ticked();
-        }
+    }
+}
+
+impl Arm {
+    /// Controller cycles in a tick: 1 of a CB3, 4 of an e-Series.
+    fn cycles(&self) -> u32 {
+        (TICK_S / lock(&self.controller).step_s()).round() as u32
     }
 }
 

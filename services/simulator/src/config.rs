@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::scenario::{Scenario, Spec};
-use crate::ur5::{Ports, ServerOptions};
+use crate::ur5::{Ports, Series, ServerOptions, Version};
 
 /// What can be set.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -50,6 +50,17 @@ pub struct ArmConfig {
     pub realtime_port: u16,
     /// RTDE.
     pub rtde_port: u16,
+    /// Primary interface that takes no programs.
+    pub primary_read_only_port: u16,
+    /// Secondary interface that takes no programs.
+    pub secondary_read_only_port: u16,
+    /// Realtime interface that takes no programs.
+    pub realtime_read_only_port: u16,
+    /// Generation of the controller. The referee knows the bodies of a CB3 arm (UR5) only.
+    pub series: Series,
+    /// Software of the controller; unset: that of its series.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<Version>,
     /// Starts with brakes released, not powered off.
     pub powered: bool,
 }
@@ -85,6 +96,11 @@ impl ArmConfig {
             secondary_port: ports.secondary,
             realtime_port: ports.realtime,
             rtde_port: ports.rtde,
+            primary_read_only_port: ports.primary_read_only,
+            secondary_read_only_port: ports.secondary_read_only,
+            realtime_read_only_port: ports.realtime_read_only,
+            series: Series::Cb3,
+            version: None,
             powered: false,
         }
     }
@@ -99,6 +115,9 @@ impl ArmConfig {
                 secondary: self.secondary_port,
                 realtime: self.realtime_port,
                 rtde: self.rtde_port,
+                primary_read_only: self.primary_read_only_port,
+                secondary_read_only: self.secondary_read_only_port,
+                realtime_read_only: self.realtime_read_only_port,
             },
             ..ServerOptions::default()
         }

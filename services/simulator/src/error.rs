@@ -53,6 +53,9 @@ pub enum Error {
         /// What may stand there.
         limit: &'static str,
     },
+    /// A number of an arm is out of its range.
+    #[error("simulated arm: {0}")]
+    Arm(#[from] crate::ur5::OutOfRange),
     /// An address is taken or not this machine's.
     #[error("cannot listen on {address}")]
     Listen {

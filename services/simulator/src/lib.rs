@@ -3,7 +3,7 @@
 //!
 //! Everything is reached through the wires that a real cell has (RTDE, URScript, dashboard, CAN), and
 //! the camera and the referee through gRPC. One seed makes a whole case: [`scenario`]. The truth lives
-//! in [`cell`] and is pure; [`clock`] lets it pass.
+//! in [`cell`] and is pure; [`clock`] lets it pass. [`standalone`] is one controller without a cell.
 
 pub mod calibration_board;
 pub mod camera;
@@ -18,6 +18,7 @@ pub mod knee;
 pub mod referee;
 pub mod scenario;
 pub mod server;
+pub mod standalone;
 pub mod ur5;
 pub mod voxels;
 
@@ -26,8 +27,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::bench_service_server::BenchServiceServer;
 use arthro_proto::simulator::v1::camera_service_server::CameraServiceServer;
+use arthro_proto::simulator::v1::fault_service_server::FaultServiceServer;
 use arthro_proto::simulator::v1::referee_service_server::RefereeServiceServer;
 use tonic::service::Routes;
 
@@ -37,7 +40,7 @@ use crate::clock::{Arm, Driven};
 use crate::config::ArmConfig;
 pub use crate::config::Config;
 pub use crate::error::Error;
-use crate::server::{BenchApi, CameraApi, RefereeApi};
+use crate::server::{BenchApi, CameraApi, FaultApi, Patient, RefereeApi};
 
 /// The simulator as a server.
 #[derive(Debug)]
@@ -46,6 +49,8 @@ pub struct Server;
 impl Service for Server {
     const NAME: &'static str = "simulator";
     const DEFAULT_PORT: u16 = 50059;
+    const HELP_AFTER: &'static str =
+        "With `ur5` as first argument: one UR controller alone, see `arthro-simulator ur5 --help`.";
     type Config = Config;
 
     async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
@@ -72,6 +77,13 @@ impl Service for Server {
             time_scale = config.time_scale,
             "the cell is on its wires"
         );
+        let names = [common::Arm::Forceps, common::Arm::Arthroscope];
+        let patients = names.into_iter().zip(&arms).map(|(name, arm)| Patient {
+            arm: name,
+            controller: Arc::clone(&arm.controller),
+            links: Arc::clone(arm.servers.links()),
+        });
+        let faults = FaultApi::new(patients.collect());
         let options = clock::Options {
             time_scale: config.time_scale,
             client_wait: Duration::from_millis(config.client_wait_ms),
@@ -99,17 +111,21 @@ impl Service for Server {
         };
         Ok(Routes::new(CameraServiceServer::new(camera))
             .add_service(BenchServiceServer::new(bench))
-            .add_service(RefereeServiceServer::new(referee)))
+            .add_service(RefereeServiceServer::new(referee))
+            .add_service(FaultServiceServer::new(faults)))
     }
 }
 
 /// A controller on its wires, the arm at its start.
 async fn arm(config: &ArmConfig, joints_rad: [f64; 6]) -> Result<Arm, Error> {
-    let controller = Arc::new(Mutex::new(ur5::Controller::new(ur5::Config {
+    let arm = ur5::Config {
         joints_rad,
         powered: config.powered,
-        ..ur5::Config::default()
-    })));
+        version: config.version,
+        ..ur5::Config::of(config.series)
+    };
+    arm.checked().map_err(Error::from)?;
+    let controller = Arc::new(Mutex::new(ur5::Controller::new(arm)));
     let servers = ur5::serve(Arc::clone(&controller), config.options())
         .await
         .map_err(|source| Error::Listen {

@@ -1,6 +1,7 @@
-//! The camera, the bench and the referee over gRPC.
+//! The camera, the bench, the referee and the faults over gRPC.
 
 mod calibration;
+mod faults;
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex};
@@ -23,6 +24,7 @@ use tokio_stream::Stream;
 use tonic::{Request, Response, Status};
 
 pub use self::calibration::BenchApi;
+pub use self::faults::{FaultApi, Patient};
 use crate::camera::{Camera, Picture};
 use crate::cell::{Account, Cell};
 use crate::clock::{self, lock};

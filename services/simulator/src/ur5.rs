@@ -1,40 +1,81 @@
-//! A simulated UR5 controller (CB3): joints that follow commands with lag and limits, a URScript interpreter, and the
-//! network services of the real one.
+//! A simulated controller of a UR5 (CB3) or UR5e (e-Series): joints that follow commands with lag and limits, a URScript
+//! interpreter, and the network services of the real one.
 //!
-//! [`Controller`] is pure and synchronous: [`Controller::tick`] advances it by one cycle of 8 ms, whatever the wall clock
-//! says. [`servers::serve`] puts it on the network.
+//! [`Controller`] is pure and synchronous: [`Controller::tick`] advances it by one cycle ([`Controller::step_s`]), whatever
+//! the wall clock says. [`servers::serve`] puts it on the network.
 
 mod config;
 mod dashboard;
 mod joints;
 pub mod kinematics;
+pub mod link_fault;
+mod measurements;
+mod messages;
 mod motion;
 mod outputs;
+mod pendant;
 mod power;
 mod primary;
 mod profile;
 mod realtime;
 mod registers;
 mod robot;
+mod series;
 pub mod servers;
 mod urscript;
+mod watchdog;
 
 use nalgebra::Isometry3;
 use ur_link::{RobotMode, RuntimeState, SafetyMode, rtde::wire::Value};
 
-pub use config::Config;
+pub use config::{Calibration, Config, OutOfRange};
+pub use messages::{Level, Message};
 pub use outputs::Output;
+pub use pendant::{Control, OperationalMode};
+pub use power::{Breakdown, Button, Safeguard};
 pub use registers::Input;
-pub use robot::{Message, STEP_S};
+pub use series::{NotAVersion, Series, Since, Version};
 pub use servers::{Ports, ServerOptions, Servers, Shared, serve};
 pub use urscript::Error as ScriptError;
 
 use kinematics::Joints;
+use pendant::Pendant;
+use power::Permission;
 use robot::{Robot, WatchdogAction};
 use urscript::{Ending, Machine};
 
 /// Secondary programs that may run at once.
 const MAX_SECONDARIES: usize = 8;
+
+/// What is wrong with an arm, as somebody made it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Condition {
+    /// The emergency stop of the robot.
+    pub robot_button_pressed: bool,
+    /// One of the cell around it.
+    pub system_button_pressed: bool,
+    /// The safeguard input.
+    pub safeguard: Safeguard,
+    /// Joints that do not respond.
+    pub failed_joints: [bool; 6],
+    /// Lag on top of what the joints are made with, s.
+    pub extra_lag_s: Joints,
+    /// What the encoders tell too much, rad.
+    pub encoder_offset_rad: Joints,
+    /// 0..1
+    pub speed_slider: f64,
+}
+
+/// Services that tell the version of the software.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Teller {
+    /// Answers of the RTDE server.
+    Rtde,
+    /// Answers of the dashboard server.
+    Dashboard,
+    /// The message that follows a connection to a primary or secondary interface.
+    Primary,
+}
 
 /// One arm with its controller.
 #[derive(Debug)]
@@ -42,23 +83,31 @@ pub struct Controller {
     robot: Robot,
     program: Option<Machine>,
     secondaries: Vec<Machine>,
+    pendant: Pendant,
+    /// What clients are told instead of the true version.
+    claims: [Option<Version>; 3],
     paused: bool,
+    /// The program was held and speeds up again.
+    resuming: bool,
 }
 
 impl Controller {
     /// At rest, no program.
     pub fn new(config: Config) -> Self {
         Self {
+            pendant: Pendant::new(config.control),
             robot: Robot::new(config),
             program: None,
             secondaries: Vec::new(),
+            claims: [None; 3],
             paused: false,
+            resuming: false,
         }
     }
 
     /// One cycle: programs run, then the arm moves.
     pub fn tick(&mut self) {
-        if !self.robot.power.may_move() {
+        if self.robot.power.permission() == Permission::End {
             self.end_program();
         }
         match self.robot.watchdog_bite() {
@@ -66,7 +115,9 @@ impl Controller {
             Some(WatchdogAction::Stop) => self.end_program(),
             Some(WatchdogAction::Ignore) | None => {}
         }
-        if !self.paused
+        let held = self.is_held();
+        self.robot.set_paused(held);
+        if !held
             && let Some(ending) = self
                 .program
                 .as_mut()
@@ -88,6 +139,12 @@ impl Controller {
         self.secondaries
             .retain(|_| endings.next().is_some_and(Option::is_none));
         self.robot.advance();
+        self.resuming &= !self.robot.is_at_speed();
+    }
+
+    /// One cycle, s.
+    pub fn step_s(&self) -> f64 {
+        self.robot.step_s()
     }
 
     /// s since the start.
@@ -97,7 +154,7 @@ impl Controller {
 
     /// Where the joints truly are, rad.
     pub fn joints_rad(&self) -> Joints {
-        self.robot.drives.q
+        self.robot.drives.true_q()
     }
 
     /// How fast they truly move, rad/s.
@@ -107,7 +164,7 @@ impl Controller {
 
     /// Base from flange where the arm truly is, m.
     pub fn flange(&self) -> Isometry3<f64> {
-        kinematics::flange(&self.robot.drives.q)
+        self.robot.dh.flange(&self.joints_rad())
     }
 
     /// Power and brakes.
@@ -117,16 +174,24 @@ impl Controller {
 
     /// Safety system.
     pub fn safety_mode(&self) -> SafetyMode {
-        self.robot.power.safety
+        self.robot.power.safety()
     }
 
-    /// Whether a program runs.
+    /// Whether a program runs. A held program is `Pausing` until the arm has come to rest on its path, and `Resuming` until
+    /// it is back at speed; an ended one is `Stopping` while the arm still slows down.
     pub fn runtime_state(&self) -> RuntimeState {
-        match (&self.program, self.paused) {
+        match (&self.program, self.is_held()) {
+            (None, _) if self.robot.is_moving() => RuntimeState::Stopping,
             (None, _) => RuntimeState::Stopped,
-            (Some(_), false) => RuntimeState::Playing,
+            (Some(_), true) if self.robot.scaling() > 0.0 => RuntimeState::Pausing,
             (Some(_), true) => RuntimeState::Paused,
+            (Some(_), false) if self.resuming => RuntimeState::Resuming,
+            (Some(_), false) => RuntimeState::Playing,
         }
+    }
+
+    fn is_held(&self) -> bool {
+        self.paused || self.robot.power.permission() == Permission::Wait
     }
 
     /// Name of the running program.
@@ -141,6 +206,9 @@ impl Controller {
     pub fn load_program(&mut self, text: &str) -> Result<(), ScriptError> {
         let outcome = urscript::compile(text).and_then(|program| {
             let refused = |text: String| Err(ScriptError { line: 0, text });
+            if !self.takes_commands() {
+                return refused("controller is in local control".to_owned());
+            }
             if program.secondary {
                 if self.secondaries.len() >= MAX_SECONDARIES {
                     return refused(format!("more than {MAX_SECONDARIES} secondary programs"));
@@ -153,7 +221,8 @@ impl Controller {
             if !power.may_move() {
                 return refused(format!(
                     "no program in robot mode {}, safety mode {}",
-                    power.mode, power.safety
+                    power.mode,
+                    power.safety()
                 ));
             }
             self.end_program();
@@ -173,6 +242,7 @@ impl Controller {
             self.log_key("STOPPED", program.name());
             self.robot.program_ended();
             self.paused = false;
+            self.resuming = false;
         }
     }
 
@@ -193,10 +263,105 @@ impl Controller {
         self.robot.write_input(input, value);
     }
 
+    /// Presses an emergency stop: the program ends, the arm stops and loses its power.
+    pub fn press_emergency_stop(&mut self, button: Button) {
+        self.robot.press(button);
+    }
+
+    /// Pulls it out again. The arm stays without power until it is powered on.
+    pub fn release_emergency_stop(&mut self, button: Button) {
+        self.robot.power.release(button);
+    }
+
+    /// Opens, closes or resets the safeguard. `Open`: the program waits, the arm holds. `AwaitsReset`: closed, but the stop
+    /// holds. `Clear`: closed if it was open, and reset, whereupon the program goes on from where it waited.
+    pub fn set_safeguard(&mut self, safeguard: Safeguard) {
+        let power = &mut self.robot.power;
+        let held = power.permission() == Permission::Wait;
+        match safeguard {
+            Safeguard::Open => power.open_safeguard(),
+            Safeguard::AwaitsReset => power.close_safeguard(),
+            Safeguard::Clear => {
+                power.close_safeguard();
+                power.reset_safeguard();
+                self.resuming |= held && !self.paused && self.program.is_some();
+            }
+        }
+    }
+
+    /// Power off until the safety system is restarted.
+    pub fn break_down(&mut self, breakdown: Breakdown) {
+        self.robot.power.break_down(breakdown);
+    }
+
+    /// A joint fails, or is whole again; after that the safety system needs a restart.
+    pub fn set_joint_failed(&mut self, joint: usize, failed: bool) {
+        self.robot.set_joint_failed(joint, failed);
+    }
+
+    /// Lets the joints lag more than they are made to, s, at least 0.
+    pub fn set_extra_lag(&mut self, extra_lag_s: Joints) {
+        if extra_lag_s.iter().all(|lag_s| (0.0..=10.0).contains(lag_s)) {
+            self.robot.set_extra_lag(extra_lag_s);
+        }
+    }
+
+    /// Lets the encoders tell so much more than what is true, rad.
+    pub fn slip_encoders(&mut self, offset_rad: Joints) {
+        if offset_rad.iter().all(|offset| offset.is_finite()) {
+            self.robot.drives.slip_encoders(offset_rad);
+        }
+    }
+
+    /// Who commands an e-Series; without effect on a CB3, which knows no difference.
+    pub fn set_control(&mut self, control: Control) {
+        self.pendant.control = control;
+    }
+
+    /// Takes the power away at once.
+    pub fn power_off(&mut self) {
+        self.end_program();
+        self.robot.power_off();
+    }
+
+    /// What is wrong with the arm, as somebody made it.
+    pub fn condition(&self) -> Condition {
+        let (robot, power) = (&self.robot, &self.robot.power);
+        Condition {
+            robot_button_pressed: power.is_pressed(Button::Robot),
+            system_button_pressed: power.is_pressed(Button::System),
+            safeguard: power.safeguard(),
+            failed_joints: *robot.failed_joints(),
+            extra_lag_s: robot.extra_lag_s(),
+            encoder_offset_rad: robot.drives.offset_rad(),
+            speed_slider: robot.speed_slider,
+        }
+    }
+
+    /// Generation of the controller.
+    pub fn series(&self) -> Series {
+        self.robot.config.series
+    }
+
+    /// Lets one of the services tell another version than the true one; everything else stays as it is.
+    pub fn claim_version(&mut self, teller: Teller, version: Option<Version>) {
+        self.claims[teller as usize] = version;
+    }
+
+    /// What clients are told of the software: the truth, or what somebody lets it claim.
+    fn told_version(&self, teller: Teller) -> Version {
+        self.claims[teller as usize].unwrap_or(self.robot.config.software())
+    }
+
+    /// Clients may send programs and commands.
+    fn takes_commands(&self) -> bool {
+        self.robot.config.series == Series::Cb3 || self.pendant.control == Control::Remote
+    }
+
     fn set_paused(&mut self, paused: bool) {
         if self.program.is_some() {
+            self.resuming = self.paused && !paused;
             self.paused = paused;
-            self.robot.set_paused(paused);
         }
     }
 

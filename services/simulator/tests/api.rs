@@ -18,8 +18,10 @@ use arthro_proto::simulator::v1::{
 };
 use arthro_simulator::config::ArmConfig;
 use arthro_simulator::scenario::{Scenario, Spec};
+use arthro_simulator::ur5::Series;
 use arthro_simulator::{Config, Server};
-use tokio::net::TcpListener;
+use tokio::io::AsyncReadExt;
+use tokio::net::{TcpListener, TcpStream};
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Channel;
 
@@ -30,12 +32,20 @@ struct Served {
 
 impl Served {
     async fn at(time_scale: f64) -> Self {
+        Self::with(time_scale, Series::Cb3).await
+    }
+
+    async fn with(time_scale: f64, series: Series) -> Self {
         let arm = ArmConfig {
+            series,
             dashboard_port: 0,
             primary_port: 0,
             secondary_port: 0,
             realtime_port: 0,
             rtde_port: 0,
+            primary_read_only_port: 0,
+            secondary_read_only_port: 0,
+            realtime_read_only_port: 0,
             ..ArmConfig::default()
         };
         let config = Config {
@@ -136,6 +146,28 @@ async fn the_clock_keeps_real_time_and_every_wire_has_an_address() {
         };
         assert_eq!((*host, ports.len()), ("127.0.0.1", 3));
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_e_series_arm_has_four_cycles_in_a_tick_of_the_cell() {
+    let served = Served::with(1.0, Series::E).await;
+    let cell = served.cell().await;
+    let parts: Vec<_> = cell.arm_addresses[1].split(':').collect();
+    let mut realtime = TcpStream::connect(format!("{}:{}", parts[0], parts[3]))
+        .await
+        .unwrap();
+    let mut stamps = Vec::new();
+    while stamps.len() < 40 {
+        let size = realtime.read_i32().await.unwrap();
+        stamps.push(realtime.read_f64().await.unwrap());
+        let mut rest = vec![0; size as usize - 12];
+        realtime.read_exact(&mut rest).await.unwrap();
+    }
+    assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] > 0.0019));
+    let span_s = stamps[39] - stamps[0];
+    assert!((span_s - 39.0 * 0.002).abs() < 1e-6, "{span_s}");
+    let (cell_s, arm_s) = (served.cell().await.cell_time_s, stamps[39]);
+    assert!(cell_s >= arm_s - 0.008 - 1e-9, "{cell_s} and {arm_s}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -9,7 +9,9 @@ use crate::cell::Ports;
 use crate::exit::{Failure, Kind};
 
 /// Ports that a UR controller listens on.
-const CONTROLLER_PORTS: [u16; 5] = [29_999, 30_001, 30_002, 30_003, 30_004];
+const CONTROLLER_PORTS: [u16; 8] = [
+    29_999, 30_001, 30_002, 30_003, 30_004, 30_011, 30_012, 30_013,
+];
 
 /// Addresses of the forceps' and the arthroscope's controller.
 pub fn arms(ports: Ports) -> Result<[IpAddr; 2], Failure> {

@@ -4,9 +4,8 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector6};
 
 use super::{
-    kinematics::{self, Joints},
+    kinematics::{self, Dh, Joints},
     profile::Trapezoid,
-    robot::STEP_S,
 };
 
 /// Turns an angle into the way that speed and acceleration of a linear move count: 1 rad is as 0.5 m of tool travel.
@@ -137,19 +136,20 @@ impl Motion {
         }
     }
 
-    /// `speedl` or `stopl` for an arm whose target moves as `target`.
+    /// `speedl` or `stopl` for an arm whose target moved to `target` in a cycle of `step_s`.
     pub fn tool_speed(
+        dh: &Dh,
         target: &Target,
+        step_s: f64,
         flange_from_tool: &Isometry3<f64>,
         speed: Vector6<f64>,
         accel: f64,
     ) -> Self {
         // From the last cycle's way, not the Jacobian: along a line the way is exact, the Jacobian at its end is not.
-        let before = each(|joint| target.q[joint] - target.qd[joint] * STEP_S);
-        let pose = kinematics::flange(&target.q) * flange_from_tool;
+        let before = each(|joint| target.q[joint] - target.qd[joint] * step_s);
+        let pose = dh.flange(&target.q) * flange_from_tool;
         let twist =
-            kinematics::twist_between(&(kinematics::flange(&before) * flange_from_tool), &pose)
-                / STEP_S;
+            kinematics::twist_between(&(dh.flange(&before) * flange_from_tool), &pose) / step_s;
         Self::ToolSpeed {
             pose,
             twist,
@@ -161,6 +161,7 @@ impl Motion {
     /// Moves the target by `dt` s of the path's own time; positions change within `dt_real` s.
     pub fn advance(
         &mut self,
+        dh: &Dh,
         target: &mut Target,
         flange_from_tool: &Isometry3<f64>,
         dt: f64,
@@ -210,7 +211,7 @@ impl Motion {
                     profile.at(*at_s)
                 };
                 let pose = kinematics::moved(from, &(*twist * share));
-                let Some(next) = kinematics::inverse(&pose, flange_from_tool, &target.q) else {
+                let Some(next) = dh.inverse(&pose, flange_from_tool, &target.q) else {
                     return Progress::NoSolution;
                 };
                 target.step_to(next, dt_real);
@@ -259,7 +260,7 @@ impl Motion {
                 let before = *twist;
                 *twist += (*speed - before) * share;
                 *pose = kinematics::moved(pose, &((before + *twist) * (0.5 * dt)));
-                let Some(next) = kinematics::inverse(pose, flange_from_tool, &target.q) else {
+                let Some(next) = dh.inverse(pose, flange_from_tool, &target.q) else {
                     return Progress::NoSolution;
                 };
                 target.step_to(next, dt_real);

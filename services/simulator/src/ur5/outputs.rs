@@ -1,16 +1,10 @@
 //! What an RTDE client can ask for, by name.
 
-use ur_link::{
-    RobotMode, SafetyMode,
-    rtde::wire::{Type, Value},
-};
+mod table;
 
-use super::{Controller, kinematics::Joints, registers::Register, robot::STEP_S};
+use ur_link::rtde::wire::{Type, Value};
 
-/// Voltage of the arm's supply, V.
-const SUPPLY_V: f64 = 48.0;
-/// Temperature of joints at work, °C.
-pub(super) const JOINT_TEMPERATURE_C: f64 = 29.0;
+use super::{Controller, Since, Version, kinematics::Joints, registers::Register};
 
 /// A field of an output recipe.
 #[derive(Clone, Copy, Debug)]
@@ -18,267 +12,127 @@ pub struct Output(Source);
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
-    State(fn(&Controller) -> Value),
+    State(Read),
     Input(Register),
     Output(Register),
 }
 
+/// How the value of a field is found, by its type.
+#[derive(Clone, Copy, Debug)]
+enum Read {
+    Double(fn(&Controller) -> f64),
+    Six(fn(&Controller) -> Joints),
+    Three(fn(&Controller) -> [f64; 3]),
+    SixInts(fn(&Controller) -> [i32; 6]),
+    Int(fn(&Controller) -> i32),
+    Byte(fn(&Controller) -> u8),
+    Word(fn(&Controller) -> u32),
+    Long(fn(&Controller) -> u64),
+}
+
+/// A named value and the versions that have it.
+type Row = (&'static str, Since, Read);
+
 impl Output {
-    /// The field of this name with its type; `None` for names this controller does not know.
-    pub fn from_name(name: &str) -> Option<(Self, Type)> {
-        if let Some((_, kind, read)) = STATE.iter().find(|(known, ..)| *known == name) {
-            return Some((Self(Source::State(*read)), *kind));
+    /// The field of this name with its type; `None` for names this version of the controller does not know.
+    pub fn from_name(name: &str, version: Version) -> Option<(Self, Type)> {
+        if let Some((_, since, read)) = table::STATE.iter().find(|(known, ..)| *known == name) {
+            return version
+                .has(*since)
+                .then_some((Self(Source::State(*read)), read.kind()));
         }
         let (source, register): (fn(Register) -> Source, _) = match name.split_once('_')? {
             ("input", rest) => (Source::Input, Register::from_name(rest)?),
             ("output", rest) => (Source::Output, Register::from_name(rest)?),
             _ => return None,
         };
-        Some((Self(source(register)), register.kind()))
+        version
+            .has(register.since())
+            .then_some((Self(source(register)), register.kind()))
     }
 
     /// Its value now.
     pub fn read(self, controller: &Controller) -> Value {
         match self.0 {
-            Source::State(read) => read(controller),
+            Source::State(read) => read.value(controller),
             Source::Input(register) => register.read(&controller.robot.inputs),
             Source::Output(register) => register.read(&controller.robot.outputs),
         }
     }
 }
 
-type Row = (&'static str, Type, fn(&Controller) -> Value);
-
-/// Names, types and values. Forces, currents and the like are those of an arm in free space without friction.
-const STATE: &[Row] = &[
-    ("timestamp", Type::Double, |c| {
-        Value::Double(c.timestamp_s())
-    }),
-    ("target_q", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.target.q)
-    }),
-    ("target_qd", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.target.qd)
-    }),
-    ("target_qdd", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.target_qdd)
-    }),
-    ("target_current", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("target_moment", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("actual_q", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.drives.q)
-    }),
-    ("actual_qd", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.drives.qd)
-    }),
-    ("actual_current", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("actual_current_window", Type::Vector6D, |_| {
-        Value::Vector6D([0.5; 6])
-    }),
-    ("actual_current_as_torque", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("joint_control_output", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("actual_TCP_pose", Type::Vector6D, |c| {
-        Value::Vector6D(c.actual_tool_pose())
-    }),
-    ("actual_TCP_speed", Type::Vector6D, |c| {
-        Value::Vector6D(c.actual_tool_speed())
-    }),
-    ("actual_TCP_force", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-    ("target_TCP_pose", Type::Vector6D, |c| {
-        Value::Vector6D(c.target_tool_pose())
-    }),
-    ("target_TCP_speed", Type::Vector6D, |c| {
-        Value::Vector6D(c.target_tool_speed())
-    }),
-    ("actual_digital_input_bits", Type::UInt64, |_| {
-        Value::UInt64(0)
-    }),
-    ("joint_temperatures", Type::Vector6D, |_| {
-        Value::Vector6D([JOINT_TEMPERATURE_C; 6])
-    }),
-    ("actual_execution_time", Type::Double, |_| {
-        Value::Double(STEP_S * 0.1)
-    }),
-    ("target_execution_time", Type::Double, |_| {
-        Value::Double(STEP_S)
-    }),
-    ("robot_mode", Type::Int32, |c| {
-        Value::Int32(c.robot_mode().code())
-    }),
-    ("joint_mode", Type::Vector6Int32, |c| {
-        Value::Vector6Int32([c.joint_mode(); 6])
-    }),
-    ("safety_mode", Type::Int32, |c| {
-        Value::Int32(c.safety_mode().code())
-    }),
-    ("safety_status", Type::Int32, |c| {
-        Value::Int32(c.safety_mode().code())
-    }),
-    ("actual_tool_accelerometer", Type::Vector3D, |_| {
-        Value::Vector3D([0.0, 0.0, -9.82])
-    }),
-    ("speed_scaling", Type::Double, |c| {
-        Value::Double(c.robot.scaling())
-    }),
-    ("target_speed_fraction", Type::Double, |c| {
-        Value::Double(c.robot.speed_slider)
-    }),
-    ("actual_momentum", Type::Double, |_| Value::Double(0.0)),
-    ("actual_main_voltage", Type::Double, |_| {
-        Value::Double(SUPPLY_V)
-    }),
-    ("actual_robot_voltage", Type::Double, |c| {
-        Value::Double(c.robot_voltage())
-    }),
-    ("actual_robot_current", Type::Double, |_| Value::Double(0.6)),
-    ("actual_joint_voltage", Type::Vector6D, |c| {
-        Value::Vector6D([c.robot_voltage(); 6])
-    }),
-    ("actual_digital_output_bits", Type::UInt64, |c| {
-        Value::UInt64(c.robot.digital_outputs)
-    }),
-    ("runtime_state", Type::UInt32, |c| {
-        Value::UInt32(c.runtime_state().code() as u32)
-    }),
-    ("elbow_position", Type::Vector3D, |c| {
-        Value::Vector3D(c.elbow_position())
-    }),
-    ("elbow_velocity", Type::Vector3D, |_| {
-        Value::Vector3D([0.0; 3])
-    }),
-    ("robot_status_bits", Type::UInt32, |c| {
-        Value::UInt32(c.robot_status_bits())
-    }),
-    ("safety_status_bits", Type::UInt32, |c| {
-        Value::UInt32(c.safety_status_bits())
-    }),
-    ("analog_io_types", Type::UInt32, |_| Value::UInt32(0)),
-    ("standard_analog_input0", Type::Double, |_| {
-        Value::Double(0.0)
-    }),
-    ("standard_analog_input1", Type::Double, |_| {
-        Value::Double(0.0)
-    }),
-    ("standard_analog_output0", Type::Double, |c| {
-        Value::Double(c.robot.analog_outputs[0])
-    }),
-    ("standard_analog_output1", Type::Double, |c| {
-        Value::Double(c.robot.analog_outputs[1])
-    }),
-    ("io_current", Type::Double, |_| Value::Double(0.0)),
-    ("euromap67_input_bits", Type::UInt32, |_| Value::UInt32(0)),
-    ("euromap67_output_bits", Type::UInt32, |_| Value::UInt32(0)),
-    ("euromap67_24V_voltage", Type::Double, |_| {
-        Value::Double(0.0)
-    }),
-    ("euromap67_24V_current", Type::Double, |_| {
-        Value::Double(0.0)
-    }),
-    ("tool_mode", Type::UInt32, |c| {
-        Value::UInt32(c.joint_mode() as u32)
-    }),
-    ("tool_analog_input_types", Type::UInt32, |_| {
-        Value::UInt32(0)
-    }),
-    ("tool_analog_input0", Type::Double, |_| Value::Double(0.0)),
-    ("tool_analog_input1", Type::Double, |_| Value::Double(0.0)),
-    ("tool_output_voltage", Type::Int32, |_| Value::Int32(0)),
-    ("tool_output_current", Type::Double, |_| Value::Double(0.0)),
-    ("tool_temperature", Type::Double, |_| {
-        Value::Double(JOINT_TEMPERATURE_C)
-    }),
-    ("tcp_force_scalar", Type::Double, |_| Value::Double(0.0)),
-    ("tcp_offset", Type::Vector6D, |c| {
-        Value::Vector6D(c.robot.tcp_offset)
-    }),
-    ("payload", Type::Double, |c| {
-        Value::Double(c.robot.payload_kg)
-    }),
-    ("payload_cog", Type::Vector3D, |c| {
-        Value::Vector3D(c.robot.payload_cog_m)
-    }),
-    ("payload_inertia", Type::Vector6D, |_| {
-        Value::Vector6D([0.0; 6])
-    }),
-];
-
-/// Values that are made of several.
-impl Controller {
-    pub(super) fn actual_tool_pose(&self) -> Joints {
-        self.robot.tool_pose(&self.robot.drives.q)
-    }
-
-    pub(super) fn target_tool_pose(&self) -> Joints {
-        self.robot.tool_pose(&self.robot.target.q)
-    }
-
-    pub(super) fn actual_tool_speed(&self) -> Joints {
-        self.robot
-            .tool_speed(&self.robot.drives.q, &self.robot.drives.qd)
-    }
-
-    pub(super) fn target_tool_speed(&self) -> Joints {
-        self.robot
-            .tool_speed(&self.robot.target.q, &self.robot.target.qd)
-    }
-
-    pub(super) fn has_power(&self) -> bool {
-        matches!(
-            self.robot_mode(),
-            RobotMode::PowerOn | RobotMode::Idle | RobotMode::Backdrive | RobotMode::Running
-        )
-    }
-
-    pub(super) fn robot_voltage(&self) -> f64 {
-        if self.has_power() { SUPPLY_V } else { 0.0 }
-    }
-
-    pub(super) fn joint_mode(&self) -> i32 {
-        match self.robot_mode() {
-            RobotMode::Running => 253,
-            RobotMode::Idle => 255,
-            RobotMode::PowerOn | RobotMode::Booting => 247,
-            _ => 239,
+impl Read {
+    fn kind(self) -> Type {
+        match self {
+            Self::Double(_) => Type::Double,
+            Self::Six(_) => Type::Vector6D,
+            Self::Three(_) => Type::Vector3D,
+            Self::SixInts(_) => Type::Vector6Int32,
+            Self::Int(_) => Type::Int32,
+            Self::Byte(_) => Type::UInt8,
+            Self::Word(_) => Type::UInt32,
+            Self::Long(_) => Type::UInt64,
         }
     }
 
-    /// Power, program.
-    fn robot_status_bits(&self) -> u32 {
-        u32::from(self.has_power()) | u32::from(self.program.is_some()) << 1
-    }
-
-    fn safety_status_bits(&self) -> u32 {
-        match self.safety_mode() {
-            SafetyMode::Normal => 1,
-            SafetyMode::Reduced => 1 << 1,
-            // Protective stopped, and stopped due to safety.
-            SafetyMode::ProtectiveStop => 1 << 2 | 1 << 10,
-            other => 1 << (other.code().clamp(1, 31) - 1),
+    fn value(self, controller: &Controller) -> Value {
+        match self {
+            Self::Double(read) => Value::Double(read(controller)),
+            Self::Six(read) => Value::Vector6D(read(controller)),
+            Self::Three(read) => Value::Vector3D(read(controller)),
+            Self::SixInts(read) => Value::Vector6Int32(read(controller)),
+            Self::Int(read) => Value::Int32(read(controller)),
+            Self::Byte(read) => Value::UInt8(read(controller)),
+            Self::Word(read) => Value::UInt32(read(controller)),
+            Self::Long(read) => Value::UInt64(read(controller)),
         }
     }
+}
 
-    pub(super) fn elbow_position(&self) -> [f64; 3] {
-        let [base, shoulder, ..] = self.robot.drives.q;
-        let (reach, height) = (
-            super::kinematics::A_M[1] * shoulder.cos(),
-            super::kinematics::A_M[1] * shoulder.sin(),
-        );
-        [
-            reach * base.cos(),
-            reach * base.sin(),
-            height + super::kinematics::D_M[0],
-        ]
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(name: &str, version: &str) -> Option<Type> {
+        Output::from_name(name, version.parse().unwrap()).map(|(_, kind)| kind)
+    }
+
+    #[test]
+    fn a_field_is_there_since_the_version_that_brought_it() {
+        for (name, cb3, e) in [
+            ("payload", ("3.10.0", "3.11.0"), ("5.5.0", "5.5.1")),
+            (
+                "payload_inertia",
+                ("3.14.3", "3.15.0"),
+                ("5.10.2", "5.11.0"),
+            ),
+            ("safety_status", ("3.9.1", "3.10.0"), ("5.3.1", "5.4.0")),
+            (
+                "output_int_register_24",
+                ("3.8.0", "3.9.0"),
+                ("5.2.9", "5.3.0"),
+            ),
+        ] {
+            for (before, since) in [cb3, e] {
+                assert_eq!(kind(name, before), None, "{name} {before}");
+                assert!(kind(name, since).is_some(), "{name} {since}");
+            }
+        }
+        assert_eq!(kind("ft_raw_wrench", "3.15.8"), None);
+        assert_eq!(kind("ft_raw_wrench", "5.9.0"), Some(Type::Vector6D));
+        assert_eq!(kind("actual_current_as_torque", "5.22.0"), None);
+        assert_eq!(kind("nonsense", "5.22.0"), None);
+    }
+
+    #[test]
+    fn every_name_is_there_once_and_reads_as_its_type() {
+        let controller = Controller::new(crate::ur5::Config::default());
+        let mut names: Vec<_> = table::STATE.iter().map(|(name, ..)| *name).collect();
+        for (name, _, read) in table::STATE {
+            assert_eq!(read.value(&controller).kind(), read.kind(), "{name}");
+        }
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), table::STATE.len());
     }
 }

@@ -2,10 +2,15 @@
 
 use ur_link::rtde::wire::{Type, Value};
 
+use super::Since;
+
 /// Registers of one kind, of which 0..23 belong to fieldbuses and 24..47 to RTDE clients.
 pub const COUNT: usize = 48;
 /// Bits 0..31 and 32..63 travel as words, 64..127 one by one.
 pub const BITS: usize = 128;
+
+/// First versions with the upper half of the registers.
+const UPPER: Since = Since::new([3, 9, 0], [5, 3, 0]);
 
 /// Values of one direction.
 #[derive(Clone, Debug)]
@@ -83,6 +88,16 @@ impl Register {
             "double" if number < COUNT => Some(Self::Double(number)),
             "bit" if (64..BITS).contains(&number) => Some(Self::Bit(number)),
             _ => None,
+        }
+    }
+
+    /// The upper half, for RTDE clients, came later than the lower.
+    pub fn since(self) -> Since {
+        match self {
+            Self::Int(number) | Self::Double(number) if number >= COUNT / 2 => UPPER,
+            Self::Bit(_) => UPPER,
+            Self::Double(_) => Since::new([3, 4, 0], [5, 0, 0]),
+            Self::Int(_) | Self::Word(_) => Since::ALWAYS,
         }
     }
 
@@ -187,6 +202,14 @@ impl Input {
             "external_force_torque" => Self::ExternalForceTorque,
             _ => Self::Register(Register::from_name(name.strip_prefix("input_")?)?),
         })
+    }
+
+    /// First versions that have it.
+    pub fn since(self) -> Since {
+        match self {
+            Self::Register(register) => register.since(),
+            _ => Since::ALWAYS,
+        }
     }
 
     /// Its RTDE type.

@@ -1,30 +1,34 @@
 //! The arm without its programs: modes, motion, joints, registers. Programs act on it through these methods; it moves
 //! by one cycle at a time.
 
-use std::collections::VecDeque;
-
-use nalgebra::Isometry3;
-use ur_link::{RobotMode, rtde::wire::Value};
+use nalgebra::{Isometry3, Translation3};
+use ur_link::{RobotMode, SafetyMode, rtde::wire::Value};
 
 use super::{
     Config,
-    joints::Drives,
-    kinematics::{self, Joints},
+    joints::{Drives, Limits},
+    kinematics::{self, Dh, Joints},
     motion::{self, Motion, Progress, Target},
-    power::Power,
+    power::{Breakdown, Button, Power},
     registers::{Bank, Input, Outputs},
+    watchdog::Watchdogs,
 };
 
-/// One cycle of a CB3 controller.
-pub const STEP_S: f64 = 0.008;
+pub use super::messages::{Level, Log, Message};
+pub use super::watchdog::WatchdogAction;
+
 /// Deceleration when a program ends or loses its motion, rad/s².
 const PROGRAM_STOP_RAD_S2: f64 = 4.0;
 /// Deceleration of a protective stop, rad/s².
 const PROTECTIVE_STOP_RAD_S2: f64 = 20.0;
-/// Largest change of the speed scaling in one cycle: full speed to pause in 80 ms.
-const SCALING_STEP: f64 = 0.1;
-/// Lines kept for clients that are slow to fetch them.
-const LOG_LINES: usize = 256;
+/// Largest change of the speed scaling, 1/s: full speed to pause in 80 ms.
+const SCALING_PER_S: f64 = 12.5;
+/// Gravity where the arm stands, m/s².
+pub const GRAVITY_M_S2: f64 = 9.82;
+/// Number of the error that a protective stop is told with.
+const PROTECTIVE_STOP_CODE: i32 = 153;
+/// Number of the error that a failed joint is told with; its argument is the joint.
+const JOINT_FAULT_CODE: i32 = 4;
 
 /// A thread of any program; no two of one controller share a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +43,8 @@ pub struct Ticket(u64);
 pub struct Robot {
     /// As configured.
     pub config: Config,
+    /// Geometry of the arm.
+    pub dh: Dh,
     /// Power, brakes, safety.
     pub power: Power,
     /// Joints as commanded.
@@ -55,6 +61,10 @@ pub struct Robot {
     pub digital_outputs: u64,
     /// Analog outputs, 0..1.
     pub analog_outputs: [f64; 2],
+    /// Which of them are volts, not amperes.
+    pub analog_in_volts: u8,
+    /// What an external sensor told: N and Nm.
+    pub external_wrench: Joints,
     /// `set_tcp`: flange from tool, m and rotation vector.
     pub tcp_offset: Joints,
     /// `set_payload`, kg.
@@ -76,26 +86,11 @@ pub struct Robot {
     threads: u64,
     output_masks: [u8; 3],
     slider_unlocked: bool,
-    watchdogs: Vec<Watchdog>,
-}
-
-#[derive(Debug)]
-struct Watchdog {
-    input: Input,
-    period_s: f64,
-    last_s: f64,
-    action: WatchdogAction,
-}
-
-/// What `rtde_set_watchdog` does when its input is not written in time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WatchdogAction {
-    /// The program waits.
-    Pause,
-    /// The program ends.
-    Stop,
-    /// Nothing.
-    Ignore,
+    analog_mask: u8,
+    watchdogs: Watchdogs,
+    extra_lag_s: Joints,
+    failed_joints: [bool; 6],
+    safety_told: SafetyMode,
 }
 
 impl Robot {
@@ -108,19 +103,26 @@ impl Robot {
         };
         let q = config.joints_rad;
         Self {
+            dh: config.dh(),
             power: Power::new(mode, config.boot_s, config.brake_release_s),
             target: Target::resting(q),
             target_qdd: [0.0; 6],
             drives: Drives::resting(
                 q,
                 config.joint_lag_s,
-                config.joint_speed_rad_s,
-                config.joint_accel_rad_s2,
+                config.joint_friction_rad,
+                Limits {
+                    speed_rad_s: config.joint_speed_rad_s,
+                    accel_rad_s2: config.joint_accel_rad_s2,
+                    torque_nm: config.joint_torque_nm,
+                },
             ),
             inputs: Bank::default(),
             outputs: Bank::default(),
             digital_outputs: 0,
             analog_outputs: [0.0; 2],
+            analog_in_volts: 0,
+            external_wrench: [0.0; 6],
             tcp_offset: [0.0; 6],
             payload_kg: 0.0,
             payload_cog_m: [0.0; 3],
@@ -137,19 +139,33 @@ impl Robot {
             threads: 0,
             output_masks: [0; 3],
             slider_unlocked: false,
-            watchdogs: Vec::new(),
+            analog_mask: 0,
+            watchdogs: Watchdogs::default(),
+            extra_lag_s: [0.0; 6],
+            failed_joints: [false; 6],
+            safety_told: SafetyMode::Normal,
             config,
         }
     }
 
     /// s since the controller started.
     pub fn now_s(&self) -> f64 {
-        self.cycle as f64 * STEP_S
+        self.cycle as f64 * self.step_s()
+    }
+
+    /// One cycle of the controller, s.
+    pub fn step_s(&self) -> f64 {
+        self.config.series.step_s()
     }
 
     /// 0..1: the share of nominal speed at which paths advance.
     pub fn scaling(&self) -> f64 {
         self.scaling
+    }
+
+    /// Paths advance as fast as the slider says.
+    pub fn is_at_speed(&self) -> bool {
+        !self.paused && (self.scaling - self.speed_slider).abs() < 1e-9
     }
 
     /// The arm moves under a command.
@@ -180,14 +196,20 @@ impl Robot {
 
     /// Base from tool for these joints, as URScript writes it.
     pub fn tool_pose(&self, joints: &Joints) -> Joints {
-        kinematics::to_pose(&(kinematics::flange(joints) * self.flange_from_tool))
+        kinematics::to_pose(&(self.dh.flange(joints) * self.flange_from_tool))
     }
 
     /// Twist of the tool in base axes.
     pub fn tool_speed(&self, joints: &Joints, speeds: &Joints) -> Joints {
         let twist =
-            kinematics::jacobian(joints, &self.flange_from_tool) * nalgebra::Vector6::from(*speeds);
+            self.dh.jacobian(joints, &self.flange_from_tool) * nalgebra::Vector6::from(*speeds);
         twist.into()
+    }
+
+    /// `speedl` or `stopl` from how the tool moves now.
+    pub fn tool_motion(&self, speed: nalgebra::Vector6<f64>, accel: f64) -> Motion {
+        let (step_s, tool) = (self.step_s(), &self.flange_from_tool);
+        Motion::tool_speed(&self.dh, &self.target, step_s, tool, speed, accel)
     }
 
     /// A number for a new thread.
@@ -204,7 +226,8 @@ impl Robot {
         if !self.power.may_move() {
             return Err(format!(
                 "arm may not move in robot mode {}, safety mode {}",
-                self.power.mode, self.power.safety
+                self.power.mode,
+                self.power.safety()
             ));
         }
         let held = matches!(self.motion, Motion::Joints { .. } | Motion::Line { .. });
@@ -241,16 +264,69 @@ impl Robot {
 
     /// Stops the arm until a person unlocks it.
     pub fn protective_stop(&mut self, reason: &str) {
-        if self.power.safety.allows_motion() && self.power.mode == RobotMode::Running {
+        if self.power.protective_stop() {
             tracing::warn!(reason, now_s = self.now_s(), "protective stop");
             self.log.push(Message::Error {
-                code: 153,
+                code: PROTECTIVE_STOP_CODE,
                 argument: 0,
+                level: Level::Violation,
                 text: format!("protective stop: {reason}"),
             });
-            self.power.protective_stop();
             self.stop(PROTECTIVE_STOP_RAD_S2);
         }
+    }
+
+    /// Presses an emergency stop: the arm stops, then loses its power.
+    pub fn press(&mut self, button: Button) {
+        self.power.press(button);
+        if self.is_moving() {
+            self.stop(PROTECTIVE_STOP_RAD_S2);
+        }
+    }
+
+    /// A joint fails, or is whole again; the safety system needs a restart after that.
+    pub fn set_joint_failed(&mut self, joint: usize, failed: bool) {
+        if let Some(state) = self.failed_joints.get_mut(joint)
+            && std::mem::replace(state, failed) != failed
+            && failed
+        {
+            self.log.push(Message::Error {
+                code: JOINT_FAULT_CODE,
+                argument: joint as i32,
+                level: Level::Fault,
+                text: format!("joint {joint} does not respond"),
+            });
+        }
+    }
+
+    /// Which joints have failed.
+    pub fn failed_joints(&self) -> &[bool; 6] {
+        &self.failed_joints
+    }
+
+    /// Lets the joints lag more than they are made to, s.
+    pub fn set_extra_lag(&mut self, extra_lag_s: Joints) {
+        self.extra_lag_s = extra_lag_s;
+        let made = self.config.joint_lag_s;
+        self.drives.lag_s = std::array::from_fn(|joint| made[joint] + extra_lag_s[joint]);
+    }
+
+    /// What the joints lag too much, s.
+    pub fn extra_lag_s(&self) -> Joints {
+        self.extra_lag_s
+    }
+
+    /// What truly hangs at the flange, kg.
+    pub fn carried_kg(&self) -> f64 {
+        self.config.carried_kg.unwrap_or(self.payload_kg)
+    }
+
+    /// Force and torque that the controller believes to feel, in base axes: the weight that was not declared, and what an
+    /// external sensor tells. N and Nm.
+    pub fn wrench(&self) -> Joints {
+        let mut wrench = self.external_wrench;
+        wrench[2] -= (self.carried_kg() - self.payload_kg) * GRAVITY_M_S2;
+        wrench
     }
 
     /// Brakes on, power off.
@@ -274,34 +350,19 @@ impl Robot {
 
     /// `rtde_set_watchdog`.
     pub fn set_watchdog(&mut self, input: Input, min_frequency_hz: f64, action: WatchdogAction) {
-        self.watchdogs.retain(|watchdog| watchdog.input != input);
-        self.watchdogs.push(Watchdog {
-            input,
-            period_s: 1.0 / min_frequency_hz,
-            last_s: self.now_s(),
-            action,
-        });
+        let now_s = self.now_s();
+        self.watchdogs
+            .set(input, 1.0 / min_frequency_hz, now_s, action);
     }
 
     /// The action of a watchdog whose input was not written in time.
     pub fn watchdog_bite(&self) -> Option<WatchdogAction> {
-        let late = |watchdog: &&Watchdog| self.now_s() - watchdog.last_s > watchdog.period_s + 1e-9;
-        self.watchdogs
-            .iter()
-            .find(late)
-            .map(|watchdog| watchdog.action)
+        self.watchdogs.bite(self.now_s())
     }
 
     /// What an RTDE client writes; takes effect in the next cycle.
     pub fn write_input(&mut self, input: Input, value: Value) {
-        let now_s = self.now_s();
-        for watchdog in self
-            .watchdogs
-            .iter_mut()
-            .filter(|watchdog| watchdog.input == input)
-        {
-            watchdog.last_s = now_s;
-        }
+        self.watchdogs.feed(input, self.now_s());
         match (input, value) {
             (Input::Register(register), value) => register.write(&mut self.inputs, value),
             (Input::SpeedSliderMask, Value::UInt32(mask)) => self.slider_unlocked = mask & 1 == 1,
@@ -319,8 +380,20 @@ impl Robot {
                     self.set_output(group, bit, bits >> bit & 1 == 1);
                 }
             }
-            (Input::Analog(output), Value::Double(value)) => {
+            (Input::AnalogMask, Value::UInt8(mask)) => self.analog_mask = mask,
+            (Input::AnalogType, Value::UInt8(volts)) => {
+                let mask = self.analog_mask;
+                self.analog_in_volts = self.analog_in_volts & !mask | volts & mask;
+            }
+            (Input::Analog(output), Value::Double(value))
+                if self.analog_mask >> output & 1 == 1 && value.is_finite() =>
+            {
                 self.analog_outputs[output] = value.clamp(0.0, 1.0)
+            }
+            (Input::ExternalForceTorque, Value::Vector6D(wrench))
+                if wrench.iter().all(|part| part.is_finite()) =>
+            {
+                self.external_wrench = wrench;
             }
             _ => {}
         }
@@ -341,18 +414,25 @@ impl Robot {
     /// One cycle of motion.
     pub fn advance(&mut self) {
         self.cycle += 1;
+        let step_s = self.step_s();
         self.power.tick(self.now_s());
+        if self.failed_joints.contains(&true) {
+            self.power.break_down(Breakdown::Fault);
+        }
+        self.tell_safety();
         let wanted = if self.paused { 0.0 } else { self.speed_slider };
-        self.scaling += (wanted - self.scaling).clamp(-SCALING_STEP, SCALING_STEP);
+        self.scaling +=
+            (wanted - self.scaling).clamp(-SCALING_PER_S * step_s, SCALING_PER_S * step_s);
         if self.power.mode != RobotMode::Running {
             self.rest_where_it_is();
             return;
         }
         let before = self.target;
+        self.carry_payload();
         self.move_target();
-        self.drives.follow(&self.target.q, STEP_S);
+        self.drives.follow(&self.target.q, step_s);
         for joint in 0..6 {
-            self.target_qdd[joint] = (self.target.qd[joint] - before.qd[joint]) / STEP_S;
+            self.target_qdd[joint] = (self.target.qd[joint] - before.qd[joint]) / step_s;
         }
         let lead = motion::largest_difference(&self.target.q, &self.drives.q);
         if lead > self.config.tracking_limit_rad {
@@ -361,17 +441,21 @@ impl Robot {
     }
 
     fn move_target(&mut self) {
-        let before = self.target;
+        let (before, step_s) = (self.target, self.step_s());
         // A stop takes its real time whatever the slider says.
         let stopping = matches!(self.motion, Motion::JointSpeed { speed, .. } if speed == [0.0; 6]);
         let dt = if stopping {
-            STEP_S
+            step_s
         } else {
-            STEP_S * self.scaling
+            step_s * self.scaling
         };
-        let progress = self
-            .motion
-            .advance(&mut self.target, &self.flange_from_tool, dt, STEP_S);
+        let progress = self.motion.advance(
+            &self.dh,
+            &mut self.target,
+            &self.flange_from_tool,
+            dt,
+            step_s,
+        );
         let fault = match progress {
             Progress::NoSolution => Some("no joint positions for the pose on the path".to_owned()),
             Progress::Moving | Progress::Reached => self.broken_limit(),
@@ -411,6 +495,30 @@ impl Robot {
         })
     }
 
+    fn tell_safety(&mut self) {
+        let safety = self.power.safety();
+        if safety != self.safety_told {
+            tracing::info!(%safety, now_s = self.now_s(), "safety mode");
+            self.safety_told = safety;
+            self.log.push(Message::Safety(safety));
+        }
+    }
+
+    /// What hangs at the flange is inertia to the joints that swing it.
+    fn carry_payload(&mut self) {
+        let carried_kg = self.carried_kg();
+        let inertia_kg_m2 = if carried_kg > 0.0 {
+            let flange_from_cog = Isometry3::from(Translation3::from(self.payload_cog_m));
+            let jacobian = self.dh.jacobian(&self.drives.q, &flange_from_cog);
+            std::array::from_fn(|joint| {
+                carried_kg * jacobian.fixed_view::<3, 1>(0, joint).norm_squared()
+            })
+        } else {
+            [0.0; 6]
+        };
+        self.drives.carry(inertia_kg_m2);
+    }
+
     fn rest_where_it_is(&mut self) {
         self.drives.brake();
         self.target = Target::resting(self.drives.q);
@@ -419,68 +527,5 @@ impl Robot {
             self.stop(PROGRAM_STOP_RAD_S2);
             self.motion = Motion::Rest;
         }
-    }
-}
-
-/// What the controller tells its clients on the primary interface.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Message {
-    /// `textmsg`.
-    Text(String),
-    /// `popup`.
-    Popup(String),
-    /// A program started or ended.
-    Key {
-        /// Such as "PROGRAM_XXX_STARTED".
-        title: String,
-        /// Name of the program.
-        text: String,
-    },
-    /// Printed as C153A0.
-    Error {
-        /// Code.
-        code: i32,
-        /// Argument.
-        argument: i32,
-        /// Explanation.
-        text: String,
-    },
-    /// A program went wrong.
-    RuntimeException {
-        /// From 1.
-        line: i32,
-        /// From 1.
-        column: i32,
-        /// Explanation.
-        text: String,
-    },
-}
-
-/// The last messages, numbered without end.
-#[derive(Debug, Default)]
-pub struct Log {
-    first: u64,
-    lines: VecDeque<Message>,
-}
-
-impl Log {
-    /// Appends; the oldest is forgotten when there are too many.
-    pub fn push(&mut self, message: Message) {
-        if self.lines.len() == LOG_LINES {
-            self.lines.pop_front();
-            self.first += 1;
-        }
-        self.lines.push_back(message);
-    }
-
-    /// Number that the next message gets.
-    pub fn next(&self) -> u64 {
-        self.first + self.lines.len() as u64
-    }
-
-    /// Messages from this number on that are still kept.
-    pub fn since(&self, number: u64) -> impl Iterator<Item = &Message> {
-        let skipped = usize::try_from(number.saturating_sub(self.first)).unwrap_or(usize::MAX);
-        self.lines.iter().skip(skipped)
     }
 }

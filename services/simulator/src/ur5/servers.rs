@@ -5,6 +5,7 @@
 //! real time.
 
 mod dashboard;
+mod links;
 mod outlet;
 mod rtde;
 mod script;
@@ -21,7 +22,14 @@ use tokio::{
     task::JoinSet,
 };
 
-use super::Controller;
+use super::{
+    Controller,
+    link_fault::{Kind, Service},
+};
+
+pub use links::Links;
+
+use outlet::Outlet;
 
 /// A controller that the clock, the network and the cell share.
 pub type Shared = Arc<Mutex<Controller>>;
@@ -64,6 +72,12 @@ pub struct Ports {
     pub realtime: u16,
     /// RTDE.
     pub rtde: u16,
+    /// Primary interface that takes no programs.
+    pub primary_read_only: u16,
+    /// Secondary interface that takes no programs.
+    pub secondary_read_only: u16,
+    /// Realtime interface that takes no programs.
+    pub realtime_read_only: u16,
 }
 
 impl Ports {
@@ -74,6 +88,9 @@ impl Ports {
         secondary: 0,
         realtime: 0,
         rtde: 0,
+        primary_read_only: 0,
+        secondary_read_only: 0,
+        realtime_read_only: 0,
     };
 }
 
@@ -85,6 +102,9 @@ impl Default for Ports {
             secondary: 30002,
             realtime: 30003,
             rtde: 30004,
+            primary_read_only: 30011,
+            secondary_read_only: 30012,
+            realtime_read_only: 30013,
         }
     }
 }
@@ -102,6 +122,28 @@ pub struct Addresses {
     pub realtime: SocketAddr,
     /// RTDE.
     pub rtde: SocketAddr,
+    /// Primary interface that takes no programs.
+    pub primary_read_only: SocketAddr,
+    /// Secondary interface that takes no programs.
+    pub secondary_read_only: SocketAddr,
+    /// Realtime interface that takes no programs.
+    pub realtime_read_only: SocketAddr,
+}
+
+impl Addresses {
+    /// Each with its name.
+    pub fn named(&self) -> [(&'static str, SocketAddr); 8] {
+        [
+            ("dashboard", self.dashboard),
+            ("primary", self.primary),
+            ("secondary", self.secondary),
+            ("realtime", self.realtime),
+            ("rtde", self.rtde),
+            ("primary_read_only", self.primary_read_only),
+            ("secondary_read_only", self.secondary_read_only),
+            ("realtime_read_only", self.realtime_read_only),
+        ]
+    }
 }
 
 /// Running services; dropping them ends all connections.
@@ -111,6 +153,7 @@ pub struct Servers {
     addresses: Addresses,
     rtde: Arc<rtde::Hub>,
     scripts: Arc<script::Hub>,
+    links: Arc<Links>,
     _tasks: JoinSet<()>,
 }
 
@@ -124,44 +167,70 @@ pub async fn serve(controller: Shared, options: ServerOptions) -> io::Result<Ser
         ports,
         unanswered_frames,
     } = options;
-    let dashboard = TcpListener::bind((bind, ports.dashboard)).await?;
-    let primary = TcpListener::bind((bind, ports.primary)).await?;
-    let secondary = TcpListener::bind((bind, ports.secondary)).await?;
-    let realtime = TcpListener::bind((bind, ports.realtime)).await?;
-    let rtde = TcpListener::bind((bind, ports.rtde)).await?;
+    let listen = |port| TcpListener::bind((bind, port));
+    let dashboard = listen(ports.dashboard).await?;
+    let rtde = listen(ports.rtde).await?;
+    let scripted = [
+        (Service::Primary, listen(ports.primary).await?),
+        (Service::Secondary, listen(ports.secondary).await?),
+        (Service::Realtime, listen(ports.realtime).await?),
+        (
+            Service::PrimaryReadOnly,
+            listen(ports.primary_read_only).await?,
+        ),
+        (
+            Service::SecondaryReadOnly,
+            listen(ports.secondary_read_only).await?,
+        ),
+        (
+            Service::RealtimeReadOnly,
+            listen(ports.realtime_read_only).await?,
+        ),
+    ];
+    let [
+        primary,
+        secondary,
+        realtime,
+        primary_read_only,
+        secondary_read_only,
+        realtime_read_only,
+    ] = scripted
+        .each_ref()
+        .map(|(_, listener)| listener.local_addr());
     let addresses = Addresses {
         dashboard: dashboard.local_addr()?,
-        primary: primary.local_addr()?,
-        secondary: secondary.local_addr()?,
-        realtime: realtime.local_addr()?,
+        primary: primary?,
+        secondary: secondary?,
+        realtime: realtime?,
         rtde: rtde.local_addr()?,
+        primary_read_only: primary_read_only?,
+        secondary_read_only: secondary_read_only?,
+        realtime_read_only: realtime_read_only?,
     };
+    let links = Arc::new(Links::default());
     let rtde_hub = Arc::new(rtde::Hub::new(unanswered_frames));
     let script_hub = Arc::new(script::Hub::default());
     let mut tasks = JoinSet::new();
-    tasks.spawn(accept(dashboard, {
+    tasks.spawn(accept(dashboard, Service::Dashboard, links.clone(), {
         let controller = controller.clone();
-        move |stream| dashboard::converse(stream, controller.clone())
+        move |outlet| dashboard::converse(outlet, controller.clone())
     }));
-    for (listener, interface) in [
-        (primary, script::Interface::Primary),
-        (secondary, script::Interface::Secondary),
-        (realtime, script::Interface::Realtime),
-    ] {
+    for (service, listener) in scripted {
         let (controller, hub) = (controller.clone(), script_hub.clone());
-        tasks.spawn(accept(listener, move |stream| {
-            script::converse(stream, interface, controller.clone(), hub.clone())
+        tasks.spawn(accept(listener, service, links.clone(), move |outlet| {
+            script::converse(outlet, controller.clone(), hub.clone())
         }));
     }
-    tasks.spawn(accept(rtde, {
+    tasks.spawn(accept(rtde, Service::Rtde, links.clone(), {
         let (controller, hub) = (controller.clone(), rtde_hub.clone());
-        move |stream| rtde::converse(stream, controller.clone(), hub.clone())
+        move |outlet| rtde::converse(outlet, controller.clone(), hub.clone())
     }));
     Ok(Servers {
         controller,
         addresses,
         rtde: rtde_hub,
         scripts: script_hub,
+        links,
         _tasks: tasks,
     })
 }
@@ -176,8 +245,14 @@ impl Servers {
     /// newest once it can take it, as from the real controller.
     pub fn ticked(&self) {
         let controller = lock(&self.controller);
+        self.links.ticked(controller.timestamp_s());
         self.rtde.send(&controller);
         self.scripts.send(&controller);
+    }
+
+    /// What can be done to the connections.
+    pub fn links(&self) -> &Arc<Links> {
+        &self.links
     }
 
     /// Lock step: waits until every client that answers RTDE frames with inputs has answered, at most for `bound`. One
@@ -188,8 +263,12 @@ impl Servers {
 }
 
 /// Takes connections; all of them end with the task.
-async fn accept<F>(listener: TcpListener, converse: impl Fn(TcpStream) -> F)
-where
+async fn accept<F>(
+    listener: TcpListener,
+    service: Service,
+    links: Arc<Links>,
+    converse: impl Fn(Arc<Outlet>) -> F,
+) where
     F: Future<Output = io::Result<()>> + Send + 'static,
 {
     let mut conversations = JoinSet::new();
@@ -200,7 +279,16 @@ where
                     if stream.set_nodelay(true).is_err() {
                         continue;
                     }
-                    let conversation = converse(stream);
+                    if links.meets(service, &Kind::Reset) {
+                        // Dropped with unsent and unread bytes forgotten: the client sees a reset.
+                        stream.set_zero_linger().ok();
+                        continue;
+                    }
+                    if links.meets(service, &Kind::HalfOpen) {
+                        conversations.spawn(ignore(stream));
+                        continue;
+                    }
+                    let conversation = converse(Outlet::new(stream, service, &links));
                     conversations.spawn(async move {
                         if let Err(error) = conversation.await {
                             tracing::debug!(%peer, %error, "connection ended");
@@ -215,6 +303,18 @@ where
                 }
             },
             Some(_) = conversations.join_next() => {}
+        }
+    }
+}
+
+/// A connection that nobody answers, until the client gives up.
+async fn ignore(stream: TcpStream) {
+    let mut buffer = [0; 4096];
+    while stream.readable().await.is_ok() {
+        match stream.try_read(&mut buffer) {
+            Ok(0) => return,
+            Err(error) if error.kind() != io::ErrorKind::WouldBlock => return,
+            _ => {}
         }
     }
 }

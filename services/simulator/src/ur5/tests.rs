@@ -1,8 +1,10 @@
 mod loopback;
+mod modes;
+mod wires;
 
 use ur_link::{RobotMode, RuntimeState, SafetyMode};
 
-use super::{Config, Controller, Message, kinematics, motion::largest_difference, robot::STEP_S};
+use super::{Config, Controller, Message, kinematics, motion::largest_difference};
 
 /// A controller that stands ready, with shortcuts to let time pass.
 struct Bench(Controller);
@@ -20,7 +22,7 @@ impl Bench {
     }
 
     fn pass(&mut self, seconds: f64) {
-        for _ in 0..(seconds / STEP_S).round() as usize {
+        for _ in 0..(seconds / self.0.step_s()).round() as usize {
             self.0.tick();
         }
     }
@@ -258,5 +260,8 @@ fn pause_slows_down_on_the_path_and_play_goes_on() {
 fn the_flange_is_where_the_true_joints_put_it() {
     let mut bench = Bench::ready();
     bench.run("movej([0.4, -1.2, 1.4, -1.0, -1.2, 0.3])");
-    assert_eq!(bench.0.flange(), kinematics::flange(&bench.0.joints_rad()));
+    assert_eq!(
+        bench.0.flange(),
+        kinematics::UR5.flange(&bench.0.joints_rad())
+    );
 }

@@ -1,42 +1,44 @@
 //! The dashboard server on its connection: a greeting, then an answer for each line.
 
-use std::io;
+use std::{io, sync::Arc};
 
-use tokio::{
-    io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader},
-    net::TcpStream,
-};
+use super::{Shared, lock, outlet::Outlet};
 
-use super::{Shared, lock};
+/// Longest line taken.
+const MAX_LINE_BYTES: usize = 1024;
 
-const MAX_LINE_BYTES: u64 = 1024;
-
-pub(super) async fn converse(stream: TcpStream, controller: Shared) -> io::Result<()> {
-    let mut stream = BufReader::new(stream);
-    stream
-        .get_mut()
-        .write_all(b"Connected: Universal Robots Dashboard Server\n")
-        .await?;
-    let mut line = Vec::new();
+pub(super) async fn converse(outlet: Arc<Outlet>, controller: Shared) -> io::Result<()> {
+    outlet.queue(b"Connected: Universal Robots Dashboard Server\n")?;
+    outlet.flush().await?;
+    let mut buffer = [0; 1024];
+    let mut inbox = Vec::new();
     loop {
-        line.clear();
-        (&mut stream)
-            .take(MAX_LINE_BYTES)
-            .read_until(b'\n', &mut line)
-            .await?;
-        if line.last() != Some(&b'\n') {
+        let received = outlet.read(&mut buffer).await?;
+        if received == 0 {
             return Ok(());
         }
-        let command = String::from_utf8_lossy(&line).trim().to_owned();
-        let last = match command.as_str() {
-            "quit" => Some("Disconnected\n"),
-            "shutdown" => Some("Shutting down\n"),
-            _ => None,
-        };
-        if let Some(answer) = last {
-            return stream.get_mut().write_all(answer.as_bytes()).await;
+        inbox.extend_from_slice(&buffer[..received]);
+        while let Some(end) = inbox.iter().position(|byte| *byte == b'\n') {
+            let mut line: Vec<u8> = inbox.drain(..=end).collect();
+            if !outlet.takes(&mut line) {
+                continue;
+            }
+            let command = String::from_utf8_lossy(&line).trim().to_owned();
+            let last = match command.as_str() {
+                "quit" => Some("Disconnected\n"),
+                "shutdown" => Some("Shutting down\n"),
+                _ => None,
+            };
+            if let Some(answer) = last {
+                outlet.queue(answer.as_bytes())?;
+                return outlet.flush().await;
+            }
+            let answer = lock(&controller).dashboard(&command) + "\n";
+            outlet.queue(answer.as_bytes())?;
         }
-        let answer = lock(&controller).dashboard(&command) + "\n";
-        stream.get_mut().write_all(answer.as_bytes()).await?;
+        if inbox.len() > MAX_LINE_BYTES {
+            return Err(io::Error::other("line is too long"));
+        }
+        outlet.flush().await?;
     }
 }

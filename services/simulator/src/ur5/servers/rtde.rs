@@ -12,17 +12,21 @@ use std::{
 };
 
 use tokio::{
-    net::TcpStream,
     sync::Notify,
     time::{Instant, timeout_at},
 };
 use ur_link::rtde::wire::{self, Frame, Reply, Request, Type, Version};
 
 use super::{Shared, lock, outlet::Outlet};
-use crate::ur5::{Controller, Input, Output, robot::STEP_S};
+use crate::ur5::{
+    Controller, Input, Output, Series, Teller, Version as Software, link_fault::Place,
+};
 
 /// Recipes of inputs of one connection.
 const MAX_INPUT_RECIPES: usize = 255;
+
+/// Packages a second in version 1 of the protocol.
+const V1_RATE_HZ: f64 = 125.0;
 
 /// All RTDE connections.
 #[derive(Debug)]
@@ -39,7 +43,7 @@ pub(super) struct Hub {
 #[derive(Debug)]
 struct Client {
     number: u64,
-    outlet: Outlet,
+    outlet: Arc<Outlet>,
     session: Mutex<Session>,
     /// Answers frames with inputs.
     attentive: AtomicBool,
@@ -58,6 +62,8 @@ struct Session {
 #[derive(Debug)]
 struct Outputs {
     fields: Vec<Output>,
+    /// Where their numbers are in a frame.
+    places: Vec<Place>,
     /// A package each so many cycles.
     every: u64,
 }
@@ -98,7 +104,7 @@ impl Hub {
             client
                 .unanswered
                 .fetch_add(u32::from(awaited), Ordering::AcqRel);
-            if !client.outlet.offer(&packet) && awaited {
+            if !client.outlet.offer(&packet, &outputs.places) && awaited {
                 client.one_less_unanswered();
             }
         }
@@ -138,9 +144,17 @@ impl Hub {
     }
 
     /// The types of these inputs for a client, which are its own from now on unless one is refused.
-    fn claim(&self, client: u64, names: &[String]) -> (Vec<(Input, Type)>, Vec<Type>) {
+    fn claim(
+        &self,
+        client: u64,
+        software: Software,
+        names: &[String],
+    ) -> (Vec<(Input, Type)>, Vec<Type>) {
         let mut claims = lock(&self.claims);
-        let inputs: Vec<_> = names.iter().map(|name| Input::from_name(name)).collect();
+        let inputs: Vec<_> = names
+            .iter()
+            .map(|name| Input::from_name(name).filter(|input| software.has(input.since())))
+            .collect();
         let types: Vec<_> = inputs
             .iter()
             .map(|input| match input {
@@ -166,13 +180,13 @@ impl Hub {
 }
 
 pub(super) async fn converse(
-    stream: TcpStream,
+    outlet: Arc<Outlet>,
     controller: Shared,
     hub: Arc<Hub>,
 ) -> io::Result<()> {
     let client = Arc::new(Client {
         number: hub.next_client.fetch_add(1, Ordering::Relaxed),
-        outlet: Outlet::new(stream),
+        outlet,
         session: Mutex::default(),
         attentive: AtomicBool::new(false),
         unanswered: AtomicU32::new(0),
@@ -191,7 +205,14 @@ pub(super) async fn converse(
         let mut used = 0;
         while let Some(frame) = Frame::first(&inbox[used..]).map_err(violation)? {
             used += frame.size();
-            client.answer(frame, hub, &controller)?;
+            let mut payload = frame.payload.to_vec();
+            if client.outlet.takes(&mut payload) {
+                let frame = Frame {
+                    kind: frame.kind,
+                    payload: &payload,
+                };
+                client.answer(frame, hub, &controller)?;
+            }
         }
         inbox.drain(..used);
         client.outlet.flush().await?;
@@ -206,7 +227,15 @@ impl Client {
             return self.write_inputs(*recipe, fields, hub, controller);
         }
         // The clock locks the controller before a session, so nobody may do it the other way round.
-        let controller_version = lock(controller).robot.config.version;
+        let (software, series, told) = {
+            let controller = lock(controller);
+            let config = &controller.robot.config;
+            (
+                config.software(),
+                config.series,
+                controller.told_version(Teller::Rtde),
+            )
+        };
         let mut session = lock(&self.session);
         let reply = match request {
             Request::ProtocolVersion(wanted) => {
@@ -220,7 +249,7 @@ impl Client {
                     accepted: accepted.is_some(),
                 }
             }
-            Request::ControllerVersion => Reply::ControllerVersion(controller_version),
+            Request::ControllerVersion => Reply::ControllerVersion(told.0),
             Request::Text(text) => {
                 tracing::debug!(message_text = %text.message, "rtde client says");
                 return Ok(());
@@ -228,9 +257,9 @@ impl Client {
             Request::SetupOutputs {
                 frequency_hz,
                 names,
-            } => session.setup_outputs(frequency_hz, &names),
+            } => session.setup_outputs(software, series, frequency_hz, &names),
             Request::SetupInputs { names } => {
-                let (inputs, types) = hub.claim(self.number, &names);
+                let (inputs, types) = hub.claim(self.number, software, &names);
                 let usable = types.iter().all(|kind| kind.is_field())
                     && session.inputs.len() < MAX_INPUT_RECIPES;
                 if usable {
@@ -315,9 +344,18 @@ impl Client {
 }
 
 impl Session {
-    fn setup_outputs(&mut self, frequency_hz: Option<f64>, names: &[String]) -> Reply {
-        let found: Vec<_> = names.iter().map(|name| Output::from_name(name)).collect();
-        let types = found
+    fn setup_outputs(
+        &mut self,
+        software: Software,
+        series: Series,
+        frequency_hz: Option<f64>,
+        names: &[String],
+    ) -> Reply {
+        let found: Vec<_> = names
+            .iter()
+            .map(|name| Output::from_name(name, software))
+            .collect();
+        let types: Vec<_> = found
             .iter()
             .map(|field| field.map_or(Type::NotFound, |(_, kind)| kind))
             .collect();
@@ -325,7 +363,8 @@ impl Session {
         self.started = false;
         self.outputs = usable.then(|| Outputs {
             fields: found.iter().flatten().map(|(field, _)| *field).collect(),
-            every: cycles_between(frequency_hz),
+            places: places(self.version, names, &types),
+            every: cycles_between(series, frequency_hz),
         });
         Reply::SetupOutputs {
             recipe: (self.version == Version::V2).then_some(u8::from(usable)),
@@ -334,11 +373,35 @@ impl Session {
     }
 }
 
-/// The controller sends every n-th cycle; 0 asks for all.
-fn cycles_between(frequency_hz: Option<f64>) -> u64 {
-    match frequency_hz {
-        Some(hz) if hz > 0.0 => (1.0 / (STEP_S * hz)).round().clamp(1.0, 1e6) as u64,
-        _ => 1,
+/// Where the numbers of a data package are.
+fn places(version: Version, names: &[String], types: &[Type]) -> Vec<Place> {
+    let mut offset = wire::HEADER_BYTES + usize::from(version == Version::V2);
+    let mut place = |(name, kind): (&String, &Type)| {
+        let start = offset;
+        offset += kind.bytes();
+        Place {
+            field: name.clone(),
+            offset: start,
+            doubles: match kind {
+                Type::Double => 1,
+                Type::Vector3D => 3,
+                Type::Vector6D => 6,
+                _ => 0,
+            },
+        }
+    };
+    names.iter().zip(types).map(&mut place).collect()
+}
+
+/// The controller sends every n-th cycle; 0 asks for all. Version 1 names no frequency and gets 125 Hz.
+fn cycles_between(series: Series, frequency_hz: Option<f64>) -> u64 {
+    let wanted_hz = frequency_hz.unwrap_or(V1_RATE_HZ);
+    if wanted_hz > 0.0 {
+        (1.0 / (series.step_s() * wanted_hz))
+            .round()
+            .clamp(1.0, 1e6) as u64
+    } else {
+        1
     }
 }
 

@@ -1,5 +1,5 @@
-//! The three interfaces that take URScript: primary and secondary with the robot state ten times a second, realtime with
-//! a packet each cycle.
+//! The interfaces that take URScript, and their read-only twins that do not: primary and secondary with the robot state ten
+//! times a second, realtime with a packet each cycle.
 
 use std::{
     io,
@@ -9,26 +9,13 @@ use std::{
     },
 };
 
-use tokio::net::TcpStream;
-
 use super::{Shared, lock, outlet::Outlet};
-use crate::ur5::{Controller, primary::Detail, robot::STEP_S, urscript::Upload};
+use crate::ur5::{Controller, link_fault::Service, primary::Detail, urscript::Upload};
 
 /// Cycles between two robot states: 10 Hz.
 const STATE_EVERY_S: f64 = 0.1;
 
-/// What a connection is sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Interface {
-    /// State and messages.
-    Primary,
-    /// State.
-    Secondary,
-    /// Realtime packets.
-    Realtime,
-}
-
-/// All connections of the three interfaces.
+/// All connections of these interfaces.
 #[derive(Debug, Default)]
 pub(super) struct Hub {
     clients: Mutex<Vec<Arc<Client>>>,
@@ -38,8 +25,7 @@ pub(super) struct Hub {
 
 #[derive(Debug)]
 struct Client {
-    interface: Interface,
-    outlet: Outlet,
+    outlet: Arc<Outlet>,
     /// Number of the next message to send.
     next_message: AtomicU64,
 }
@@ -50,20 +36,21 @@ impl Hub {
         if clients.is_empty() {
             return;
         }
-        let period = ((controller.timestamp_s() + 0.5 * STEP_S) / STATE_EVERY_S) as u64;
+        let period =
+            ((controller.timestamp_s() + 0.5 * controller.step_s()) / STATE_EVERY_S) as u64;
         let state_due = self.period.swap(period, Ordering::Relaxed) != period;
         let (mut realtime, mut state) = (Vec::new(), Vec::new());
         for client in clients.iter() {
-            if client.interface == Interface::Realtime {
+            if is_realtime(client.outlet.service()) {
                 if realtime.is_empty() {
                     controller.encode_realtime(&mut realtime);
                 }
-                client.outlet.offer(&realtime);
+                client.outlet.offer(&realtime, &[]);
             } else if state_due {
                 if state.is_empty() {
                     controller.encode_state(Detail::State, &mut state);
                 }
-                client.outlet.offer(&state);
+                client.outlet.offer(&state, &[]);
                 client.send_messages(controller);
             }
         }
@@ -74,20 +61,23 @@ impl Client {
     /// Messages that do not get through are tried again in the next period, as long as they are kept.
     fn send_messages(&self, controller: &Controller) {
         let next = self.next_message.load(Ordering::Relaxed);
-        if self.interface != Interface::Primary || next == controller.robot.log.next() {
+        let told = matches!(
+            self.outlet.service(),
+            Service::Primary | Service::PrimaryReadOnly
+        );
+        if !told || next == controller.robot.log.next() {
             return;
         }
         let mut messages = Vec::new();
         let after = controller.encode_messages(next, &mut messages);
-        if self.outlet.offer(&messages) {
+        if self.outlet.offer(&messages, &[]) {
             self.next_message.store(after, Ordering::Relaxed);
         }
     }
 }
 
 pub(super) async fn converse(
-    stream: TcpStream,
-    interface: Interface,
+    outlet: Arc<Outlet>,
     controller: Shared,
     hub: Arc<Hub>,
 ) -> io::Result<()> {
@@ -95,15 +85,15 @@ pub(super) async fn converse(
         let controller = lock(&controller);
         let next_message = AtomicU64::new(controller.robot.log.next());
         let client = Arc::new(Client {
-            interface,
-            outlet: Outlet::new(stream),
+            outlet,
             next_message,
         });
-        if interface != Interface::Realtime {
-            let mut greeting = Vec::new();
-            controller.encode_version(&mut greeting);
-            controller.encode_state(Detail::WithConfiguration, &mut greeting);
-            client.outlet.queue(&greeting)?;
+        if !is_realtime(client.outlet.service()) {
+            let (mut version, mut state) = (Vec::new(), Vec::new());
+            controller.encode_version(&mut version);
+            controller.encode_state(Detail::WithConfiguration, &mut state);
+            client.outlet.queue(&version)?;
+            client.outlet.queue(&state)?;
         }
         client
     };
@@ -124,13 +114,28 @@ pub(super) async fn converse(
                 .for_each(|program| load(&controller, program));
             return Ok(());
         }
-        let Some(programs) = upload.feed(&buffer[..received]) else {
+        let text = &mut buffer[..received];
+        if is_read_only(client.outlet.service()) || !client.outlet.takes(text) {
+            continue;
+        }
+        let Some(programs) = upload.feed(text) else {
             return Err(io::Error::other("program is too long"));
         };
         programs
             .iter()
             .for_each(|program| load(&controller, program));
     }
+}
+
+fn is_realtime(service: Service) -> bool {
+    matches!(service, Service::Realtime | Service::RealtimeReadOnly)
+}
+
+fn is_read_only(service: Service) -> bool {
+    matches!(
+        service,
+        Service::PrimaryReadOnly | Service::SecondaryReadOnly | Service::RealtimeReadOnly
+    )
 }
 
 /// There is no answer on the socket; errors go out as messages on the primary interface.

@@ -13,19 +13,20 @@ use tokio::{
     net::TcpStream,
     task::JoinHandle,
 };
+use ur_link::rtde::wire::Type;
 use ur_link::{
     Command, Dashboard, Endpoint, Error, Fault, Options, RobotLink, SafetyMode, State, Stream,
     Window,
 };
 
 use crate::ur5::{
-    Config, Controller, STEP_S, ServerOptions, Shared, kinematics,
+    Config, Controller, Series, ServerOptions, Shared, kinematics,
     motion::largest_difference,
     servers::{Addresses, Ports, lock, serve},
 };
 
 /// A served controller whose clock runs as fast as its clients answer.
-struct Cell {
+pub(super) struct Cell {
     controller: Shared,
     addresses: Addresses,
     paused: Arc<AtomicBool>,
@@ -33,7 +34,7 @@ struct Cell {
 }
 
 impl Cell {
-    async fn start(config: Config) -> Self {
+    pub(super) async fn start(config: Config) -> Self {
         let controller: Shared = Arc::new(Mutex::new(Controller::new(config)));
         let options = ServerOptions {
             ports: Ports::FREE,
@@ -61,6 +62,10 @@ impl Cell {
             paused,
             clock,
         }
+    }
+
+    pub(super) fn addresses(&self) -> Addresses {
+        self.addresses
     }
 
     fn options(&self) -> Options {
@@ -249,7 +254,7 @@ async fn a_moving_arm_stops_when_its_client_dies() {
     let way = controller.joints_rad()[0] - moving.actual_q[0];
     // Ten silent cycles and the deceleration.
     assert!(
-        way > 0.0 && way < 0.5 * (12.0 * STEP_S) + 0.5 * 0.5 / 8.0 + 0.02,
+        way > 0.0 && way < 0.5 * (12.0 * Series::Cb3.step_s()) + 0.5 * 0.5 / 8.0 + 0.02,
         "{way}"
     );
     assert_eq!(controller.robot.outputs.ints[27], 1);
@@ -365,6 +370,69 @@ async fn the_slider_stretches_a_stream_and_no_sample_is_skipped() {
         }
         assert!((taken_s * slider / full_s - 1.0).abs() < 0.05, "{taken_s}");
     }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_e_series_follows_a_stream_at_500_samples_a_second() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::of(Series::E)
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    assert_eq!(arm.identity().series, ur_link::Series::ESeries);
+    assert_eq!(arm.period_s(), 0.002);
+    let start = drive(&mut arm, Command::Hold, finished).await;
+    let sample = |number: i32| {
+        let mut joints_rad = start.target_q;
+        joints_rad[0] += 0.1 * (1.0 - (f64::from(number) * 0.005).cos());
+        joints_rad
+    };
+    let end = follow(&mut arm, 628, sample).await;
+    let taken_s = end.timestamp_s - start.timestamp_s;
+    assert!((taken_s - 628.0 * 0.002).abs() < 0.02, "{taken_s}");
+    drive(&mut arm, Command::Stop, |state| {
+        finished(state) && state.actual_qd[0].abs() < 1e-4
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_controller_that_must_not_be_commanded_is_named() {
+    let cell = Cell::start(Config {
+        control: crate::ur5::Control::Local,
+        ..Config::of(Series::E)
+    })
+    .await;
+    let refusal = ur_link::Controller::connect(cell.options()).await.err();
+    assert!(matches!(refusal, Some(Error::LocalControl)), "{refusal:?}");
+
+    let cell = Cell::start(Config {
+        version: Some("3.8.0.1".parse().unwrap()),
+        ..Config::default()
+    })
+    .await;
+    let refusal = ur_link::Controller::connect(cell.options()).await.err();
+    assert!(
+        matches!(refusal, Some(Error::Firmware { .. })),
+        "{refusal:?}"
+    );
+
+    let cell = Cell::start(Config::of(Series::E)).await;
+    let mut options = cell.options();
+    options.expected = Some(ur_link::Expected {
+        series: ur_link::Series::Cb3,
+        model: "UR5".to_owned(),
+    });
+    let refusal = ur_link::Controller::connect(options).await.err();
+    assert!(
+        matches!(refusal, Some(Error::WrongRobot { .. })),
+        "{refusal:?}"
+    );
+    assert_eq!(
+        lock(&cell.controller).robot_mode(),
+        ur_link::RobotMode::PowerOff
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -533,7 +601,7 @@ async fn script_interfaces_send_their_packets_and_take_programs() {
     })
     .await;
     let mut realtime = TcpStream::connect(cell.addresses.realtime).await.unwrap();
-    assert_eq!(realtime.read_i32().await.unwrap(), 1108);
+    assert_eq!(realtime.read_i32().await.unwrap(), 1116);
     let mut primary = TcpStream::connect(cell.addresses.primary).await.unwrap();
     let size = primary.read_i32().await.unwrap();
     assert_eq!(primary.read_u8().await.unwrap(), 20);
@@ -590,15 +658,26 @@ async fn a_client_that_does_not_read_gets_the_newest_state_later() {
     .await
     .unwrap();
     let recipe = slow
-        .setup_outputs(125.0, &[("timestamp", ur_link::rtde::wire::Type::Double)])
+        .setup_outputs(
+            125.0,
+            &[
+                ("timestamp", Type::Double),
+                ("target_q", Type::Vector6D),
+                ("target_qd", Type::Vector6D),
+                ("target_qdd", Type::Vector6D),
+                ("actual_q", Type::Vector6D),
+                ("actual_qd", Type::Vector6D),
+                ("joint_temperatures", Type::Vector6D),
+                ("actual_joint_voltage", Type::Vector6D),
+                ("tcp_offset", Type::Vector6D),
+            ],
+        )
         .await
         .unwrap();
     slow.start().await.unwrap();
-    // Far more than all socket buffers hold.
-    cell.until("a long time", |controller| {
-        controller.timestamp_s() > 20_000.0
-    })
-    .await;
+    // 40 MB: far more than all socket buffers hold.
+    cell.until("a long time", |controller| controller.timestamp_s() > 800.0)
+        .await;
     cell.paused.store(true, Ordering::Release);
     let truth = lock(&cell.controller).timestamp_s();
     let mut newest = 0.0;
@@ -643,7 +722,7 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
         stream.consume(state.program.sample_consumed).unwrap();
         while stream.wants() {
             let mut joints_rad = start.target_q;
-            let time_s = f64::from(stream.next_number()) * STEP_S;
+            let time_s = f64::from(stream.next_number()) * arm.period_s();
             joints_rad[0] += 0.3 * (1.0 - time_s.cos());
             stream.push(joints_rad);
         }
@@ -653,12 +732,12 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
         received += 1;
     }
     let seconds = wall.elapsed().as_secs_f64();
-    let cycles = (state.timestamp_s - start.timestamp_s) / STEP_S;
+    let cycles = (state.timestamp_s - start.timestamp_s) / Series::Cb3.step_s();
     eprintln!(
         "{:.0} cycles/s, {:.0} states/s",
         cycles / seconds,
         f64::from(received) / seconds
     );
-    let reached = kinematics::flange(&lock(&cell.controller).joints_rad());
+    let reached = kinematics::UR5.flange(&lock(&cell.controller).joints_rad());
     assert!(reached.translation.vector.norm() > 0.1);
 }

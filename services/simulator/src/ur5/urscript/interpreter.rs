@@ -11,7 +11,7 @@ use super::{
     syntax::Scope,
     value::Value,
 };
-use crate::ur5::robot::{Robot, STEP_S, ThreadId, Ticket};
+use crate::ur5::robot::{Robot, ThreadId, Ticket};
 
 /// Operations in one cycle, shared by the threads: far more than a well-made program needs, few enough that an endless
 /// loop does not hold up the controller.
@@ -183,7 +183,7 @@ impl Machine {
             Wait::Cycle => true,
             Wait::Until(time_s) => robot.now_s() >= *time_s - 1e-9,
             Wait::PathTime(left_s) => {
-                *left_s -= STEP_S * robot.scaling();
+                *left_s -= robot.step_s() * robot.scaling();
                 *left_s <= 1e-9
             }
             Wait::Motion(ticket) => robot.has_ended(*ticket),

@@ -6,7 +6,6 @@ use super::{
 use crate::ur5::{
     kinematics::{self, Joints},
     motion::Motion,
-    robot::STEP_S,
     urscript::{interpreter::Wait, value::Value},
 };
 
@@ -68,12 +67,16 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
             required("q"),
             number("a", 0.0),
             number("v", 0.0),
-            number("t", STEP_S),
+            optional("t"),
             number("lookahead_time", 0.1),
             number("gain", 300.0),
         ],
         call: |context, args| {
-            let time_s = args.positive(3)?;
+            let time_s = if args.is_given(3) {
+                args.positive(3)?
+            } else {
+                context.robot.step_s()
+            };
             let motion = Motion::servo(
                 args.six(0)?,
                 args.number(4)?.clamp(0.03, 0.2),
@@ -104,8 +107,7 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         ],
         call: |context, args| {
             let (speed, accel) = (args.six(0)?.into(), args.positive(1)?);
-            let robot = &context.robot;
-            let motion = Motion::tool_speed(&robot.target, robot.flange_from_tool(), speed, accel);
+            let motion = context.robot.tool_motion(speed, accel);
             for_a_time(context, motion, args.number(2)?)
         },
     },
@@ -125,13 +127,7 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         params: &[number("a", 1.2), optional("aRot")],
         call: |context, args| {
             let accel = args.positive(0)?;
-            let robot = &context.robot;
-            let motion = Motion::tool_speed(
-                &robot.target,
-                robot.flange_from_tool(),
-                [0.0; 6].into(),
-                accel,
-            );
+            let motion = context.robot.tool_motion([0.0; 6].into(), accel);
             blocking(context, motion)
         },
     },
@@ -234,9 +230,10 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
         name: "get_actual_tool_flange_pose",
         params: NONE,
         call: |context, _| {
-            value(Value::Pose(kinematics::to_pose(&kinematics::flange(
-                &context.robot.drives.q,
-            ))))
+            let robot = &context.robot;
+            value(Value::Pose(kinematics::to_pose(
+                &robot.dh.flange(&robot.drives.q),
+            )))
         },
     },
     Builtin {
@@ -310,7 +307,7 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
                 *context.robot.flange_from_tool()
             };
             value(Value::Pose(kinematics::to_pose(
-                &(kinematics::flange(&joints) * tool),
+                &(context.robot.dh.flange(&joints) * tool),
             )))
         },
     },
@@ -394,11 +391,11 @@ fn inverse(context: &Context<'_>, args: &Args<'_>) -> Result<Option<Joints>, Str
     } else {
         *context.robot.flange_from_tool()
     };
-    Ok(kinematics::inverse(&goal, &tool, &near))
+    Ok(context.robot.dh.inverse(&goal, &tool, &near))
 }
 
 fn solve(context: &Context<'_>, pose: &Joints, near: &Joints) -> Option<Joints> {
-    kinematics::inverse(
+    context.robot.dh.inverse(
         &kinematics::from_pose(pose),
         context.robot.flange_from_tool(),
         near,
@@ -433,7 +430,7 @@ fn line(
     time_s: f64,
 ) -> Result<Outcome, String> {
     let robot = &context.robot;
-    let from = kinematics::flange(&robot.target.q) * robot.flange_from_tool();
+    let from = robot.dh.flange(&robot.target.q) * robot.flange_from_tool();
     let motion = Motion::line(from, &kinematics::from_pose(&goal), speed, accel, time_s);
     blocking(context, motion)
 }

@@ -3,7 +3,7 @@
 use super::{Builtin, Default, Outcome, Param, float, nothing, required};
 use crate::ur5::{
     registers::Input,
-    robot::{Message, STEP_S, WatchdogAction},
+    robot::{Message, WatchdogAction},
     urscript::interpreter::Wait,
 };
 
@@ -30,7 +30,7 @@ pub(super) const FUNCTIONS: &[Builtin] = &[
     Builtin {
         name: "get_steptime",
         params: NONE,
-        call: |_, _| float(STEP_S),
+        call: |context, _| float(context.robot.step_s()),
     },
     Builtin {
         name: "textmsg",
