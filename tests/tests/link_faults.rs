@@ -103,7 +103,7 @@ impl World {
         let arm = setup.options.arm;
         let pose = arm.base_from_tool(&joints_rad);
         let portal = pose.origin() + shaft(&pose) * 20.0;
-        setup.options.portal = Some(portal);
+        setup.options.portal = Some(portal.into());
         setup.options.silence = SILENCE;
         setup.options.reconnect = Duration::from_millis(1);
         setup.link.silence_timeout = LINK_SILENCE;
