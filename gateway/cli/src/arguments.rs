@@ -15,7 +15,9 @@ pub use local::{
     Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
-pub use robot::{ArmName, AxisName, Dashboard, Jog, Robot, RobotCommand, RobotState};
+pub use robot::{
+    ArmName, AxisName, Controller, Dashboard, Jog, Portal, Robot, RobotCommand, RobotState, Taught,
+};
 
 /// An arthroscopic robot system for meniscoplasty.
 ///
@@ -78,7 +80,7 @@ pub enum Command {
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),
-    /// Shows, jogs and recovers the arms, and asks their controllers: for the engineer at the bench.
+    /// Shows, jogs, recovers and teaches the arms, and asks their controllers: for the engineer at the bench.
     Robot(Robot),
 }
 

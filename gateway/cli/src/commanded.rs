@@ -94,6 +94,23 @@ impl Commanded {
         Ok(())
     }
 
+    /// States where an arm's portal is, and the axis of its cone.
+    pub async fn set_portal(
+        &mut self,
+        arm: common::Arm,
+        portal: common::Point,
+        axis: Option<common::Direction>,
+    ) -> Result<(), Failure> {
+        let request = motion::SetPortalRequest {
+            authorization: Some(self.authorization()),
+            arm: arm.into(),
+            portal: Some(portal),
+            axis,
+        };
+        self.client.set_portal(request).await?;
+        Ok(())
+    }
+
     /// The measured pose of an arm's tool once it is at rest.
     pub async fn tool_at_rest(&mut self, arm: common::Arm) -> Result<Rigid<Base, Tool>, Failure> {
         tool_at_rest(&mut self.client, arm).await

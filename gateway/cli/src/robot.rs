@@ -3,7 +3,10 @@
 
 mod dashboard;
 mod jog;
+mod kinematics;
 mod state;
+mod taught;
+mod teach;
 
 use arthro_proto::common::v1 as common;
 use arthro_proto::motion::v1 as motion;
@@ -12,7 +15,7 @@ use serde_json::json;
 
 use crate::arguments::{ArmName, Robot, RobotCommand};
 use crate::commanded::Commanded;
-use crate::exit::Failure;
+use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
 /// For people who find the lease held.
@@ -32,6 +35,10 @@ pub async fn run(robot: Robot, output: &Output) -> Result<(), Failure> {
             });
             perform(&motion, arguments.arm, retract, output).await
         }
+        RobotCommand::Teach(taught) => teach::add(&motion, &taught, output).await,
+        RobotCommand::Portal(portal) => teach::portal(&motion, &portal, output).await,
+        RobotCommand::Shaft(taught) => teach::shaft(&motion, &taught, output).await,
+        RobotCommand::Kinematics(arguments) => kinematics::show(&arguments, output).await,
         RobotCommand::Recover(which) => acknowledge(&motion, which.arm, output).await,
     }
 }
@@ -58,6 +65,24 @@ async fn perform(url: &str, arm: ArmName, motion: Motion, output: &Output) -> Re
         "arm": state,
     }));
     Ok(())
+}
+
+/// HOST or HOST:PORT, with the port that is usual.
+fn place(controller: &str, usual_port: u16) -> Result<(String, u16), Failure> {
+    let Some((host, port)) = controller.split_once(':') else {
+        return Ok((controller.to_owned(), usual_port));
+    };
+    let port = port.parse().map_err(|_| {
+        let fault = format!("{controller:?} is none; give HOST or HOST:PORT");
+        Failure::refused("ADDRESS_INVALID", fault)
+    })?;
+    Ok((host.to_owned(), port))
+}
+
+/// A controller that cannot be reached or says nothing sensible.
+fn unreachable(error: &ur_link::Error) -> Failure {
+    let failure = Failure::refused_because("CONTROLLER_UNREACHABLE", error);
+    Failure::new(Kind::Unreachable, failure.reason, failure.message)
 }
 
 /// Clears a fault under a lease of its own.

@@ -1,6 +1,7 @@
 //! What an engineer at the bench needs of the arms.
 
 use std::ops::RangeInclusive;
+use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 
@@ -35,6 +36,14 @@ pub enum RobotCommand {
     Retract(Retract),
     /// Acknowledges an arm's fault once its cause is gone; nothing moves.
     Recover(WhichArm),
+    /// Adds where an arm stands now to a file of taught poses.
+    Teach(Taught),
+    /// Finds the portal that the taught shaft lines meet in.
+    Portal(Portal),
+    /// Finds the shaft's line in the flange from taught poses whose shaft passes one fixed point.
+    Shaft(Taught),
+    /// Reads a controller's factory calibration and prints it as configuration.
+    Kinematics(Controller),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -55,6 +64,31 @@ pub struct WhichArm {
     /// Which arm.
     #[arg(value_enum)]
     pub arm: ArmName,
+}
+
+#[derive(Debug, Args)]
+pub struct Taught {
+    /// Which arm.
+    #[arg(value_enum)]
+    pub arm: ArmName,
+    /// The taught poses (JSON): `poses`, each base_from_flange with `rotation_wxyz` and `translation_mm`.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct Portal {
+    #[command(flatten)]
+    pub taught: Taught,
+    /// States the portal and its axis to the motion service.
+    #[arg(long)]
+    pub set: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Controller {
+    /// The controller: HOST or HOST:PORT of its primary interface.
+    pub controller: String,
 }
 
 #[derive(Debug, Args)]

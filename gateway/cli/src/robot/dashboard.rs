@@ -3,12 +3,14 @@
 use std::time::Duration;
 
 use serde_json::json;
-use ur_link::Endpoint;
 
+use super::{place, unreachable};
 use crate::arguments::Dashboard;
-use crate::exit::{Failure, Kind};
+use crate::exit::Failure;
 use crate::output::Output;
 
+/// Of the dashboard server.
+const PORT: u16 = 29999;
 const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
 /// How answers begin that refuse what was asked.
 const REFUSALS: [&str; 6] = [
@@ -22,7 +24,7 @@ const REFUSALS: [&str; 6] = [
 
 /// Asks it; an answer that refuses ends in exit code 3.
 pub async fn ask(arguments: &Dashboard, output: &Output) -> Result<(), Failure> {
-    let (host, port) = place(&arguments.controller)?;
+    let (host, port) = place(&arguments.controller, PORT)?;
     let mut dashboard = ur_link::Dashboard::connect(&host, port, REPLY_TIMEOUT)
         .await
         .map_err(|error| unreachable(&error))?;
@@ -37,25 +39,4 @@ pub async fn ask(arguments: &Dashboard, output: &Output) -> Result<(), Failure> 
     output.line(&answer);
     output.result(&json!({"answer": answer}));
     Ok(())
-}
-
-fn place(controller: &str) -> Result<(String, u16), Failure> {
-    let Some((host, port)) = controller.split_once(':') else {
-        return Ok((
-            controller.to_owned(),
-            Endpoint::new(controller).dashboard_port,
-        ));
-    };
-    let port = port.parse().map_err(|_| {
-        Failure::refused(
-            "ADDRESS_INVALID",
-            format!("{controller:?} is none; give HOST or HOST:PORT"),
-        )
-    })?;
-    Ok((host.to_owned(), port))
-}
-
-fn unreachable(error: &ur_link::Error) -> Failure {
-    let failure = Failure::refused_because("CONTROLLER_UNREACHABLE", error);
-    Failure::new(Kind::Unreachable, failure.reason, failure.message)
 }
