@@ -1,15 +1,21 @@
-"""Foreign clients against the simulated cell: `run.py ARTHRO`.
+"""Foreign clients against the simulated cell and against its controllers alone: `run.py ARTHRO ARTHRO_SIMULATOR`.
 
 Starts the simulator alone on free loopback addresses (a second master on the bus would hear the first one's answers), runs each
-client as a process of its own, and ends the simulator.
+client as a process of its own, and ends the simulator. Then the same for two arms at two addresses, as CB3 and as e-Series.
+
+ARTHRO_RTDE_PYTHON (a folder with the manufacturer's Python package `rtde`) and ARTHRO_URCL (a folder with its
+external_control.urscript) bring in what no package registry has; without them their clients are skipped, which is said.
 """
 
+import contextlib
 import json
 import os
 import pathlib
 import subprocess
 import sys
 import time
+
+import ur5
 
 HERE = pathlib.Path(__file__).parent
 GRPCURL = pathlib.Path(sys.executable).parent / "grpcurl"
@@ -38,26 +44,55 @@ def simulator(arthro, hosts):
     return process, json.loads(described.stdout)
 
 
-def main():
+def run(clients):
+    """Runs clients side by side; how many failed."""
+    began = time.monotonic()
+    processes = [subprocess.Popen([sys.executable, HERE / script, *arguments]) for script, *arguments in clients]
+    failed = 0
+    for (script, *arguments), process in zip(clients, processes):
+        code = process.wait(timeout=300)
+        took = time.monotonic() - began
+        print(f"{script} {' '.join(arguments)}: {'passed' if code == 0 else 'FAILED'} in {took:.1f} s", flush=True)
+        failed += code != 0
+    return failed
+
+
+def cell(arthro):
+    """Clients of the whole cell: how many ran, and how many failed."""
     hosts = arm_hosts()
-    process, cell = simulator(sys.argv[1], hosts)
+    process, described = simulator(arthro, hosts)
     try:
-        can_host, can_port = cell["canAddress"].removeprefix("socketcand://").split("/")[0].split(":")
-        clients = [
-            ["ur_rtde_clients.py", *hosts],
-            ["canopen_epos4.py", can_host, can_port],
-        ]
-        failed = 0
-        for script, *arguments in clients:
-            began = time.monotonic()
-            code = subprocess.run([sys.executable, HERE / script, *arguments], timeout=300).returncode
-            print(f"{script}: {'passed' if code == 0 else 'FAILED'} in {time.monotonic() - began:.1f} s", flush=True)
-            failed += code != 0
-        print(f"peers: {len(clients) - failed} passed, {failed} failed")
-        return 1 if failed else 0
+        can_host, can_port = described["canAddress"].removeprefix("socketcand://").split("/")[0].split(":")
+        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", can_host, can_port]]
+        return len(clients), sum(run([client]) for client in clients)
     finally:
         process.stdin.close()
         process.wait(timeout=30)
+
+
+def controllers(arthro_simulator, series):
+    """Clients of two controllers: how many ran, and how many failed."""
+    hosts = arm_hosts()
+    with contextlib.ExitStack() as stack:
+        for host in hosts:
+            stack.enter_context(ur5.controller(arthro_simulator, host, series))
+        rounds = [[["ur_rtde_control.py", host, series] for host in hosts]]
+        if series == "cb3":
+            rounds.append([["urx_client.py", hosts[0]]])
+        for variable, script in (("ARTHRO_RTDE_PYTHON", "official_rtde.py"), ("ARTHRO_URCL", "external_control.py")):
+            if os.environ.get(variable):
+                rounds.append([[script, hosts[0], series]])
+            else:
+                print(f"{script} {series}: skipped, {variable} is not set", flush=True)
+        return sum(map(len, rounds)), sum(map(run, rounds))
+
+
+def main():
+    arthro, arthro_simulator = sys.argv[1:3]
+    counts = [cell(arthro)] + [controllers(arthro_simulator, series) for series in ur5.DH]
+    ran, failed = (sum(column) for column in zip(*counts))
+    print(f"peers: {ran - failed} passed, {failed} failed")
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

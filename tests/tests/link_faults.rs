@@ -5,6 +5,12 @@
 //! The whole path is real: the owner of the arm, its driver, sockets, the program on the simulated controller. Only time
 //! is not: the controller is ticked as fast as its client answers.
 
+#![allow(
+    clippy::panic,
+    clippy::unwrap_used,
+    reason = "a test says why it failed by panicking"
+)]
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -18,7 +24,7 @@ use arthro_motion::controller::UrController;
 use arthro_motion::kinematics::{Joints, ToolArm, largest_difference};
 use arthro_motion::plan::Move;
 use arthro_motion::rcm::{Placement, shaft};
-use arthro_simulator::ur5::{self, Controller, Ports, STEP_S, ServerOptions, Servers};
+use arthro_simulator::ur5::{self, Controller, Ports, Series, ServerOptions, Servers};
 use arthro_tests::proxy::{Fault, Proxy, Way};
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -97,7 +103,7 @@ impl World {
         let arm = setup.options.arm;
         let pose = arm.base_from_tool(&joints_rad);
         let portal = pose.origin() + shaft(&pose) * 20.0;
-        setup.options.portal = Some(portal);
+        setup.options.portal = Some(portal.into());
         setup.options.silence = SILENCE;
         setup.options.reconnect = Duration::from_millis(1);
         setup.link.silence_timeout = LINK_SILENCE;
@@ -147,8 +153,9 @@ impl World {
             tokio::task::yield_now().await;
         }
         let [before, now] = self.track;
-        let change: Joints =
-            std::array::from_fn(|i| (joints[i] - 2.0 * now[i] + before[i]) / STEP_S.powi(2));
+        let change: Joints = std::array::from_fn(|i| {
+            (joints[i] - 2.0 * now[i] + before[i]) / Series::Cb3.step_s().powi(2)
+        });
         let (joint, acceleration) = largest_difference(&change, &[0.0; 6]);
         assert!(
             acceleration <= ACCELERATION_MAX_RAD_S2,

@@ -11,6 +11,7 @@ pub mod model;
 pub mod polish;
 pub mod singularity;
 pub mod solutions;
+mod trigonometry;
 
 use arthro_geometry::frame::{Base, Flange, Tool};
 use arthro_geometry::nalgebra::Matrix6;

@@ -19,6 +19,7 @@ pub mod kinematics;
 pub mod limits;
 pub mod plan;
 pub mod rcm;
+pub mod roll;
 pub mod server;
 pub mod supervisor;
 pub mod teach;

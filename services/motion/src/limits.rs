@@ -38,6 +38,11 @@ pub struct Limits {
     pub joint_acceleration_rad_s2: f64,
     /// Jerk of any joint, rad/s3.
     pub joint_jerk_rad_s3: f64,
+    /// How much longer or shorter than their mean joints may lag behind what is commanded, s. Inside, moves are so slow
+    /// that this costs at most `rcm_lag_mm` at the portal.
+    pub joint_lag_spread_s: f64,
+    /// What unequal lag of the joints may cost at the portal, mm.
+    pub rcm_lag_mm: f64,
     /// Deepest tip beyond the portal, mm.
     pub depth_max_mm: f64,
     /// Controller time without a new state after which a moving arm is stopped, s.
@@ -70,6 +75,8 @@ impl Default for Limits {
             joint_speed_rad_s: 1.0,
             joint_acceleration_rad_s2: 3.0,
             joint_jerk_rad_s3: 30.0,
+            joint_lag_spread_s: 0.001,
+            rcm_lag_mm: 0.3,
             depth_max_mm: 80.0,
             stale_s: 0.1,
             shafts_distance_min_mm: 1.0,
@@ -82,7 +89,7 @@ impl Default for Limits {
 
 impl Limits {
     /// The limits that are numbers by name, for checks of a configuration.
-    pub fn named(&self) -> [(&'static str, f64); 20] {
+    pub fn named(&self) -> [(&'static str, f64); 22] {
         [
             ("rcm_stop_mm", self.rcm_stop_mm),
             ("rcm_warn_mm", self.rcm_warn_mm),
@@ -102,6 +109,8 @@ impl Limits {
             ("joint_speed_rad_s", self.joint_speed_rad_s),
             ("joint_acceleration_rad_s2", self.joint_acceleration_rad_s2),
             ("joint_jerk_rad_s3", self.joint_jerk_rad_s3),
+            ("joint_lag_spread_s", self.joint_lag_spread_s),
+            ("rcm_lag_mm", self.rcm_lag_mm),
             ("depth_max_mm", self.depth_max_mm),
             ("stale_s", self.stale_s),
             ("shafts_distance_min_mm", self.shafts_distance_min_mm),

@@ -1,8 +1,11 @@
 //! What can go wrong between this process and a controller.
 
-use std::time::Duration;
+use std::{net::SocketAddr, time::Duration};
 
-use tokio::net::TcpStream;
+use tokio::{
+    net::{TcpSocket, TcpStream, lookup_host},
+    time::Instant,
+};
 
 use crate::{
     RobotMode, SafetyMode, primary,
@@ -167,8 +170,50 @@ pub(crate) async fn connect(
     port: u16,
     limit: Duration,
 ) -> Result<TcpStream, Error> {
-    let attempt = tokio::time::timeout(limit, TcpStream::connect((host, port)));
-    let stream = attempt
+    within(service, host, port, limit, TcpStream::connect((host, port))).await
+}
+
+/// As [`connect`], and lets the system keep no more than so many bytes that were not read.
+pub(crate) async fn connect_with_buffer(
+    service: &'static str,
+    host: &str,
+    port: u16,
+    limit: Duration,
+    receive_buffer_bytes: u32,
+) -> Result<TcpStream, Error> {
+    let attempt = async {
+        let mut last = std::io::Error::from(std::io::ErrorKind::AddrNotAvailable);
+        for address in lookup_host((host, port)).await? {
+            let socket = match address {
+                SocketAddr::V4(_) => TcpSocket::new_v4()?,
+                SocketAddr::V6(_) => TcpSocket::new_v6()?,
+            };
+            socket.set_recv_buffer_size(receive_buffer_bytes)?;
+            match socket.connect(address).await {
+                Ok(stream) => return Ok(stream),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    };
+    within(service, host, port, limit, attempt).await
+}
+
+/// When so much time will be over; a time that clocks cannot tell is a year.
+pub(crate) fn deadline(limit: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(limit)
+        .unwrap_or_else(|| now + Duration::from_secs(365 * 24 * 3600))
+}
+
+async fn within(
+    service: &'static str,
+    host: &str,
+    port: u16,
+    limit: Duration,
+    attempt: impl Future<Output = std::io::Result<TcpStream>>,
+) -> Result<TcpStream, Error> {
+    let stream = tokio::time::timeout(limit, attempt)
         .await
         .map_err(|_| Error::Timeout {
             what: "connection",

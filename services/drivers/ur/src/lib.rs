@@ -1,8 +1,10 @@
-//! Drives a Universal Robots arm over its own wire protocols: the dashboard (29999), RTDE v2 (30004) and URScript
-//! upload (30003). Real and simulated controllers are reached by the same code; only the address differs.
+//! Drives a Universal Robots arm over its own wire protocols: the dashboard (29999), RTDE (30004), the primary, secondary
+//! and realtime interfaces (30001 to 30003) and URScript. Real and simulated controllers are reached by the same code;
+//! only the address differs.
 //!
-//! Most users want [`Controller`]: it powers the arm, uploads a small URScript program (see [`program`]) and then
-//! exchanges one state and one command per controller cycle through RTDE registers.
+//! Whoever only watches takes [`rtde::Reader`]. Whoever moves an arm takes [`Controller`]: it powers the arm, uploads a
+//! small URScript program (see [`program`]) and then exchanges one state and one command per controller cycle through
+//! RTDE registers.
 //!
 //! ```no_run
 //! use ur_link::{Command, Controller, Endpoint, Options, RobotLink};
@@ -23,7 +25,11 @@
 //!
 //! Units are those of the robot, on purpose and only here: metres, radians, seconds, rotation vectors.
 //! The parts can be used alone: [`rtde::wire`] is a codec without I/O for both directions, [`rtde::Client`] speaks RTDE
-//! with any recipe, [`Dashboard`] the dashboard protocol.
+//! with any recipe ([`outputs!`], [`inputs!`]), [`Dashboard`] the dashboard protocol, [`Primary`] and [`Realtime`] read the
+//! older interfaces, [`Script`] follows a program, [`Calibration`] is that of the very arm.
+//!
+//! Nothing here reconnects by itself: after an error a connection is of no more use, and whoever makes a new one decides
+//! what that means. No reconnect moves anything.
 
 mod calibration;
 mod codes;
@@ -50,3 +56,7 @@ pub use primary::Primary;
 pub use realtime::Realtime;
 pub use script::Script;
 pub use stream::{Stream, WINDOW_SAMPLES, Window};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

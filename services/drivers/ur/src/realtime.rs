@@ -3,10 +3,7 @@
 
 use std::{io, time::Duration};
 
-use tokio::{
-    net::TcpStream,
-    time::{Instant, timeout_at},
-};
+use tokio::{net::TcpStream, time::timeout_at};
 
 use crate::{Error, RobotMode, RuntimeState, SafetyMode};
 
@@ -242,7 +239,7 @@ impl Realtime {
     /// Nothing within `silence`, a violated protocol, a broken connection.
     pub async fn newest(&mut self, silence: Duration) -> Result<State, Error> {
         tokio::task::consume_budget().await;
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         let mut newest = None;
         loop {
             let room = self.inbox.len() - self.end;

@@ -3,10 +3,11 @@
 
 use std::time::Duration;
 
-use tokio::time::{Instant, timeout_at};
+use tokio::time::Instant;
 
 use crate::{
     Error, RuntimeState,
+    error::deadline,
     primary::{Message, Notice, Primary, wire::ErrorCode, wire::Level},
 };
 
@@ -129,9 +130,9 @@ impl Script {
     pub async fn run(&self, primary: &mut Primary, limit: Duration) -> Result<(), Error> {
         let mut progress = self.progress();
         primary.send_script(&self.text).await?;
-        let deadline = Instant::now() + limit;
+        let until = deadline(limit);
         while !progress.began() {
-            progress.observe(&next(primary, deadline, "start of the program", limit).await?);
+            progress.observe(&next(primary, until, "start of the program", limit).await?);
             if let Some(Outcome::NotCompiled(exception) | Outcome::Failed(exception)) =
                 progress.outcome()
             {
@@ -151,12 +152,12 @@ impl Script {
     pub async fn outcome(&self, primary: &mut Primary, limit: Duration) -> Result<Outcome, Error> {
         let mut progress = self.progress();
         progress.began = true;
-        let deadline = Instant::now() + limit;
+        let until = deadline(limit);
         loop {
             if let Some(outcome) = progress.outcome() {
                 return Ok(outcome.clone());
             }
-            progress.observe(&next(primary, deadline, "end of the program", limit).await?);
+            progress.observe(&next(primary, until, "end of the program", limit).await?);
         }
     }
 }
@@ -167,9 +168,11 @@ async fn next(
     what: &'static str,
     limit: Duration,
 ) -> Result<Message, Error> {
-    timeout_at(deadline, primary.next(limit))
-        .await
-        .map_err(|_| Error::Timeout { what, limit })?
+    let left = deadline.saturating_duration_since(Instant::now());
+    match primary.next(left).await {
+        Err(Error::Timeout { .. }) => Err(Error::Timeout { what, limit }),
+        other => other,
+    }
 }
 
 impl Progress {

@@ -16,6 +16,9 @@ use arthro_motion::kinematics::dh::Dh;
 use arthro_motion::kinematics::flange_pose::FlangePose;
 use arthro_motion::kinematics::model::{Make, Model};
 use arthro_motion::kinematics::{Joints, ToolArm};
+use arthro_motion::rcm::{self, RcmPath};
+use arthro_motion::roll::profile::Search;
+use arthro_motion::roll::velocity::Law;
 use criterion::{Criterion, criterion_group, criterion_main};
 use sweep::Sweep;
 
@@ -90,6 +93,36 @@ fn measure(criterion: &mut Criterion, name: &str, model: Model) {
     group.finish();
 }
 
+/// The free roll: one instant of the velocity law, and the profile of a pivot by 20 degrees.
+fn roll(criterion: &mut Criterion) {
+    let start = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
+    let lean = Rotation::from_axis_angle(&Vector3::y_axis(), 0.4 - std::f64::consts::FRAC_PI_2);
+    let tool = Rigid::new(lean, lean * Vector3::x() * 310.0);
+    let arm = ToolArm::new(Model::ur5(), tool);
+    let pose = arm.base_from_tool(&start);
+    let portal = pose.origin() - rcm::shaft(&pose) * 30.0;
+    let mut group = criterion.benchmark_group("roll");
+    let law = Law::default();
+    group.bench_function("velocity", |bencher| {
+        bencher.iter(|| {
+            law.velocity(
+                &arm,
+                black_box(&start),
+                &portal,
+                &Vector3::new(1.0, 4.0, 2.0),
+            )
+        });
+    });
+    let aside = pose.direction(&Vector3::y()) * 0.36;
+    let path = RcmPath::pivot(&pose, portal, portal + rcm::shaft(&pose) + aside).unwrap();
+    let search = Search::default();
+    group.sample_size(20);
+    group.bench_function("profile", |bencher| {
+        bencher.iter(|| search.profile(&arm, |s| path.pose(s), black_box(&start)));
+    });
+    group.finish();
+}
+
 /// Joints (6), rotation by rows (9) and origin in m (3) of every pose as little-endian doubles, and our account.
 fn write(folder: &Path) -> std::io::Result<()> {
     let model = Model::ur5();
@@ -112,11 +145,11 @@ fn write(folder: &Path) -> std::io::Result<()> {
         let _ = write!(
             row,
             "{{\"name\": \"{name}\", \"forward_ns\": {:.1}, \"inverse_ns\": {:.1}, \"poses\": {ACCOUNTED}, \"missing\": {}, \"lost\": {}, \"solutions\": {}, \"worst_m\": {:e}, \"worst_rad\": {:e}}}",
-            best_ns(&make.into(), |model, joints, _| drop(black_box(
-                model.forward(joints)
-            ))),
+            best_ns(&make.into(), |model, joints, _| {
+                black_box(model.forward(joints));
+            }),
             best_ns(&make.into(), |model, joints, pose| {
-                drop(black_box(model.inverse(pose, joints)));
+                black_box(model.inverse(pose, joints));
             }),
             account.missing,
             account.lost,
@@ -150,5 +183,5 @@ fn best_ns(model: &Model, mut ask: impl FnMut(&Model, &Joints, &FlangePose)) -> 
         .fold(f64::INFINITY, f64::min)
 }
 
-criterion_group!(benches, drawn, calibrated);
+criterion_group!(benches, drawn, calibrated, roll);
 criterion_main!(benches);

@@ -1,11 +1,9 @@
 //! What the way to a target is like, and which limit it comes nearest to.
 
+use crate::roll::Comfort;
 use crate::trajectory::{Margins, RCM_BETWEEN_SAMPLES_MM};
 
-/// Distances to limits that are ample: farther is no better.
-const JOINT_AMPLE_RAD: f64 = 0.5;
-const SINGULAR_AMPLE_RAD: f64 = 0.35;
-const SHOULDER_AMPLE_MM: f64 = 150.0;
+/// Distances to the limits of the plan that are ample, as [`Comfort`] has them for those of the arm.
 const CONE_AMPLE_RAD: f64 = 0.175;
 const DEPTH_AMPLE_MM: f64 = 10.0;
 
@@ -29,11 +27,15 @@ impl Way {
     pub fn least_room(&self) -> (f64, &'static str) {
         let margins = &self.margins;
         let singularities = &margins.singularities;
+        let ample = Comfort::default();
         [
-            (margins.joint_limit_rad / JOINT_AMPLE_RAD, "JOINT_LIMIT"),
-            (singularities.wrist_rad / SINGULAR_AMPLE_RAD, "WRIST"),
-            (singularities.elbow_rad / SINGULAR_AMPLE_RAD, "ELBOW"),
-            (singularities.shoulder_mm / SHOULDER_AMPLE_MM, "SHOULDER"),
+            (
+                margins.joint_limit_rad / ample.joint_limit_rad,
+                "JOINT_LIMIT",
+            ),
+            (singularities.wrist_rad / ample.wrist_rad, "WRIST"),
+            (singularities.elbow_rad / ample.elbow_rad, "ELBOW"),
+            (singularities.shoulder_mm / ample.shoulder_mm, "SHOULDER"),
             (self.cone_rad / CONE_AMPLE_RAD, "CONE"),
             (self.depth_mm / DEPTH_AMPLE_MM, "DEPTH"),
             (

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::flange_pose::FlangePose;
 use super::links::Links;
+use super::trigonometry::sin_cos;
 use super::{Joints, jacobian_of};
 
 /// A table, or differences of one, joint by joint from base to wrist 3.
@@ -106,12 +107,15 @@ impl Chain {
     }
 
     /// Goes from base to flange and shows the axis of each joint and a point on it.
+    #[inline(always)]
     fn walk(&self, joints: &Joints, mut visit: impl FnMut(Vector3, Vector3)) -> FlangePose {
+        let angles: Joints = std::array::from_fn(|i| joints[i] + self.dh.theta_rad[i]);
+        let (sines, cosines) = sin_cos(&angles);
         let (mut x, mut y, mut z) = (Vector3::x(), Vector3::y(), Vector3::z());
         let mut origin = Vector3::zeros();
-        for (i, joint) in joints.iter().enumerate() {
+        for i in 0..6 {
             visit(z, origin);
-            let (s, c) = (joint + self.dh.theta_rad[i]).sin_cos();
+            let (s, c) = (sines[i], cosines[i]);
             let across = y * c - x * s;
             x = x * c + y * s;
             origin += z * self.dh.d_mm[i] + x * self.dh.a_mm[i];

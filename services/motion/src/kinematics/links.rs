@@ -17,6 +17,7 @@ use arthro_geometry::nalgebra::{Matrix3, Matrix6};
 use arthro_geometry::{Point3, Vector3};
 
 use super::flange_pose::FlangePose;
+use super::trigonometry::sin_cos;
 use super::{Joints, jacobian_of};
 
 /// The lengths that differ between the sizes of the arm; every other Denavit-Hartenberg length is 0.
@@ -66,13 +67,12 @@ impl Links {
         Point3::from(flange.origin_mm - flange.rotation.column(2) * self.d6_mm)
     }
 
+    #[inline(always)]
     fn axes(&self, joints: &Joints) -> Axes {
-        let (s1, c1) = joints[0].sin_cos();
-        let (s2, c2) = joints[1].sin_cos();
-        let (s23, c23) = (joints[1] + joints[2]).sin_cos();
-        let (s234, c234) = (joints[1] + joints[2] + joints[3]).sin_cos();
-        let (s5, c5) = joints[4].sin_cos();
-        let (s6, c6) = joints[5].sin_cos();
+        let [q1, q2, q3, q4, q5, q6] = *joints;
+        let (sines, cosines) = sin_cos(&[q1, q2, q2 + q3, q2 + q3 + q4, q5, q6]);
+        let [s1, s2, s23, s234, s5, s6] = sines;
+        let [c1, c2, c23, c234, c5, c6] = cosines;
         let n = Vector3::new(s1, -c1, 0.0);
         let in_plane = |along: f64, up: f64| Vector3::new(c1 * along, s1 * along, up);
         let elbow = in_plane(self.a2_mm * c2, self.d1_mm + self.a2_mm * s2);

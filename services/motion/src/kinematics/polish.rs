@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use arthro_geometry::nalgebra::{Cholesky, Matrix6, SMatrix, SymmetricEigen, Vector6};
 
-use super::dh::Chain;
+use super::dh::{Chain, Dh};
 use super::flange_pose::FlangePose;
 use super::links::Links;
 use super::links::inverse::Leeway;
@@ -42,7 +42,11 @@ pub fn inverse_near(
     reference: &Joints,
 ) -> Solutions {
     let mut search = Search::new(chain, flange);
-    search.start_all(&links.inverse_with(flange, reference[5], &leeway(0.0, 0.0, 0.0)));
+    search.start_all(
+        &links
+            .inverse_with(flange, reference[5], &leeway(0.0, 0.0, 0.0))
+            .0,
+    );
     search.start(reference);
     search.found
 }
@@ -50,7 +54,7 @@ pub fn inverse_near(
 /// All joint angles found that reach a pose: as [`inverse_near`], and near a singularity from more starts.
 pub fn inverse(chain: &Chain, links: &Links, flange: &FlangePose, reference: &Joints) -> Solutions {
     let mut search = Search::new(chain, flange);
-    let drawn = links.inverse_with(flange, reference[5], &leeway(0.0, 0.0, 0.0));
+    let (drawn, _) = links.inverse_with(flange, reference[5], &leeway(0.0, 0.0, 0.0));
     search.start_all(&drawn);
     search.start(reference);
     let is_near = |joints: &Joints| {
@@ -61,7 +65,7 @@ pub fn inverse(chain: &Chain, links: &Links, flange: &FlangePose, reference: &Jo
     if seeds.is_empty() || seeds.iter().any(is_near) {
         for q6_rad in [0.0, FRAC_PI_4, FRAC_PI_2, -FRAC_PI_4] {
             let apart = leeway(NEAR_MM, NEAR_RAD, q6_rad);
-            search.start_all(&links.inverse_with(flange, reference[5], &apart));
+            search.start_all(&links.inverse_with(flange, reference[5], &apart).0);
         }
     }
     // A solution near a singularity has its twin on the other side, along what hardly moves the flange.
@@ -72,6 +76,24 @@ pub fn inverse(chain: &Chain, links: &Links, flange: &FlangePose, reference: &Jo
         }
         next += 1;
     }
+    search.found
+}
+
+/// The solutions of an arm as drawn with those that starts just out of reach lead to.
+#[cold]
+pub(super) fn complete(
+    links: &Links,
+    flange: &FlangePose,
+    seeds: &Solutions,
+    found: Solutions,
+) -> Solutions {
+    let chain = Chain::new(Dh::nominal(links));
+    let mut search = Search {
+        chain: &chain,
+        flange,
+        found,
+    };
+    search.start_all(seeds);
     search.found
 }
 

@@ -1,3 +1,5 @@
+mod through_portal;
+
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use arthro_bootstrap::status;

@@ -35,8 +35,10 @@ pub struct Shaft {
     pub portal: Point3,
     /// Its covariance, mm2.
     pub portal_covariance_mm2: Matrix3<f64>,
-    /// Of all unknowns: turns across the line (rad), shifts across it (mm), the portal (mm).
+    /// Of all unknowns: turns of the line towards `across` (rad), shifts along them (mm), the portal (mm).
     pub covariance: SMatrix<f64, 7, 7>,
+    /// Two directions across the line, in the flange, that the covariance is counted in.
+    pub across: Matrix3x2<f64>,
     /// One for each pose, in order.
     pub agreements: Vec<Agreement>,
     /// Root mean square distance of the line to the point, mm.
@@ -188,6 +190,7 @@ fn answer(
         portal: *portal,
         portal_covariance_mm2: covariance.fixed_view::<3, 3>(4, 4).into_owned(),
         covariance,
+        across,
         agreements: agreements.collect(),
         residual_rms_mm: (fit.cost_mm2 / poses.len() as f64).sqrt(),
         estimated_noise_mm: (fit.cost_mm2 / fit.freedom.max(1) as f64).sqrt(),

@@ -5,9 +5,11 @@
 //! and likewise for the tip and the angle that the tool turns by. Where the law breaks a limit, the limit
 //! of s that contributes most there is lowered; what is left after a few rounds is taken up by running
 //! the whole law more slowly, which scales the three derivatives by 1, 2 and 3 powers and so ends within
-//! all limits. One set of limits holds for the whole path: a path is as slow as its slowest place in
+//! all limits. Inside, the speed also keeps what joints that lag unequally may cost at the portal
+//! (`lag.rs`) below its share. One set of limits holds for the whole path: a path is as slow as its slowest place in
 //! cruise, but not as slow as if its worst speed, acceleration and jerk came together.
 
+use super::lag::deviation_per_lag;
 use super::{Speeds, jump, reach};
 use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm, largest_difference};
@@ -35,6 +37,8 @@ pub struct Survey {
     first: Vec<Sample>,
     second: Vec<Sample>,
     third: Vec<Sample>,
+    /// Deviation by unequal lag at each node, mm per s of lag and unit of s a second.
+    lag: Vec<f64>,
 }
 
 /// The limits that a law is judged by: speed, acceleration, jerk.
@@ -43,6 +47,8 @@ pub struct Bounds {
     joint: [f64; 3],
     tip: [f64; 3],
     turn: [f64; 3],
+    /// Deviation that unequal lag may cause, per second of it, mm/s.
+    lag_mm_per_s: f64,
 }
 
 impl Bounds {
@@ -64,6 +70,7 @@ impl Bounds {
                 limits.pivot_acceleration_rad_s2,
                 limits.pivot_jerk_rad_s3,
             ],
+            lag_mm_per_s: limits.rcm_lag_mm / limits.joint_lag_spread_s,
         }
     }
 
@@ -105,7 +112,17 @@ impl Survey {
         let first = derivative(&samples);
         let second = derivative(&first);
         let third = derivative(&second);
+        let lag = samples
+            .iter()
+            .zip(&first)
+            .enumerate()
+            .map(|(node, (sample, first))| {
+                let [a, b, c, d, e, f, ..] = *sample;
+                let s = node as f64 / STEPS as f64;
+                deviation_per_lag(arm, path, s, &[a, b, c, d, e, f], first)
+            });
         Ok(Self {
+            lag: lag.collect(),
             first,
             second,
             third,
@@ -124,8 +141,12 @@ impl Survey {
                 .fold(NO_RATE, f64::max)
                 .recip()
         };
+        let worst_lag = self
+            .lag
+            .iter()
+            .fold(NO_RATE, |most: f64, lag| most.max(*lag));
         let mut limits = RateLimits {
-            speed: steepest(0),
+            speed: steepest(0).min(bounds.lag_mm_per_s / worst_lag),
             acceleration: steepest(1),
             jerk: steepest(2),
         };

@@ -49,7 +49,8 @@ fn a_pivot_of_thirty_degrees_keeps_the_shaft_on_the_portal() {
             let trajectory = pivot(depth_mm, axis * 30_f64.to_radians()).unwrap();
             let margins = trajectory.margins();
             assert!(margins.rcm_at_samples_mm <= 1e-9, "{margins:?}");
-            assert!(margins.rcm_between_samples_mm <= 0.002, "{margins:?}");
+            // Between the samples of the walk, which lie farther apart than ticks.
+            assert!(margins.rcm_between_samples_mm <= 0.01, "{margins:?}");
             assert!(margins.joint_speed_rad_s <= 1.0, "{margins:?}");
             assert!(trajectory.duration_s() > 30_f64.to_radians() / 0.25);
         }
@@ -103,7 +104,7 @@ fn a_path_beyond_the_reach_is_refused() {
 }
 
 /// 30 degrees and 0 to 60 mm at once, in the plane of `axis`: the benchmark.
-fn benchmark(axis: Vector3, period_s: f64) -> (Trajectory, Joints, Point3) {
+fn benchmark(axis: Vector3, period_s: f64, limits: &Limits) -> (Trajectory, Joints, Point3) {
     let (joints, portal) = at_depth(0.0);
     let pose = arm().base_from_tool(&joints);
     let turned = Rotation::from_scaled_axis(axis.normalize() * 30_f64.to_radians());
@@ -115,13 +116,32 @@ fn benchmark(axis: Vector3, period_s: f64) -> (Trajectory, Joints, Point3) {
         roll_rad: None,
     };
     let path = RcmPath::to(&pose, portal, &end, Regain::Portal);
-    let limits = Limits::default();
     let clinical = Speeds {
         tip_mm_s: limits.inside_speed_mm_s,
         turn_rad_s: limits.pivot_speed_rad_s,
     };
-    let trajectory = Trajectory::plan(arm(), path, &joints, &limits, clinical, period_s);
+    let trajectory = Trajectory::plan(arm(), path, &joints, limits, clinical, period_s);
     (trajectory.unwrap(), joints, portal)
+}
+
+/// The shaft's largest distance to the portal at every controller tick, and at nine places between two of them where
+/// the joints move linearly.
+fn ticks_mm(trajectory: &Trajectory, start: &Joints, portal: &Point3, period_s: f64) -> (f64, f64) {
+    let deviation_mm =
+        |joints: &Joints| Placement::of(&arm().base_from_tool(joints), portal).deviation_mm();
+    let (mut at_mm, mut between_mm) = (0.0_f64, 0.0_f64);
+    let mut before = *start;
+    for tick in 1..=(trajectory.duration_s() / period_s).ceil() as usize {
+        let joints = trajectory.sample(tick as f64 * period_s, &before).unwrap();
+        at_mm = at_mm.max(deviation_mm(&joints));
+        for part in 1..10 {
+            let share = f64::from(part) / 10.0;
+            let between = std::array::from_fn(|i| before[i] + (joints[i] - before[i]) * share);
+            between_mm = between_mm.max(deviation_mm(&between));
+        }
+        before = joints;
+    }
+    (at_mm, between_mm)
 }
 
 const AXES: [[f64; 3]; 6] = [
@@ -137,8 +157,15 @@ const AXES: [[f64; 3]; 6] = [
 fn a_pivot_of_thirty_degrees_with_sixty_millimetres_of_insertion_stays_on_the_portal() {
     for frequency_hz in [125.0, 500.0] {
         for axis in AXES {
-            let (trajectory, joints, portal) = benchmark(axis.into(), 1.0 / frequency_hz);
+            let (trajectory, joints, portal) =
+                benchmark(axis.into(), 1.0 / frequency_hz, &Limits::default());
             let margins = trajectory.margins();
+            let (at_mm, between_mm) = ticks_mm(&trajectory, &joints, &portal, 1.0 / frequency_hz);
+            assert!(at_mm <= RCM_AT_SAMPLES_MM, "{at_mm}");
+            assert!(between_mm <= RCM_BETWEEN_SAMPLES_MM, "{between_mm}");
+            println!(
+                "{frequency_hz} Hz, about {axis:?}: {at_mm:.1e} mm, {between_mm:.1e} mm between"
+            );
             assert!(
                 margins.rcm_at_samples_mm <= RCM_AT_SAMPLES_MM,
                 "{margins:?}"
@@ -146,10 +173,6 @@ fn a_pivot_of_thirty_degrees_with_sixty_millimetres_of_insertion_stays_on_the_po
             assert!(
                 margins.rcm_between_samples_mm <= RCM_BETWEEN_SAMPLES_MM,
                 "{margins:?}"
-            );
-            println!(
-                "{frequency_hz} Hz {axis:?}: {margins:?} {} s",
-                trajectory.duration_s()
             );
             let line = Straight {
                 from: arm().base_from_tool(&joints),
@@ -191,62 +214,40 @@ fn lagging_mm(trajectory: &Trajectory, start: &Joints, portal: &Point3, lags_s: 
     most_mm
 }
 
-/// The worst over all patterns of joints that lag more and less than the mean.
-fn spread_mm(
-    axis: Vector3,
-    lag_s: f64,
-    mismatch: f64,
-    turn: f64,
-    tip: f64,
-) -> (f64, f64, f64, f64) {
-    let (joints, portal) = at_depth(0.0);
-    let pose = arm().base_from_tool(&joints);
-    let turned = Rotation::from_scaled_axis(axis.normalize() * 30_f64.to_radians());
-    let end = Destination {
-        direction: Some(arthro_geometry::nalgebra::Unit::new_normalize(
-            turned * shaft(&pose),
-        )),
-        depth_mm: Some(60.0),
-        roll_rad: None,
+/// The benchmark planned for joints that lag so long and so unequally; duration, s, and the median and the worst
+/// deviation over all patterns of joints that lag more and less, mm.
+fn lagging(axis: Vector3, lag_s: f64, mismatch: f64) -> [f64; 3] {
+    let limits = Limits {
+        joint_lag_spread_s: (lag_s * mismatch).max(1e-9),
+        ..Limits::default()
     };
-    let path = RcmPath::to(&pose, portal, &end, Regain::Portal);
-    let limits = Limits::default();
-    let clinical = Speeds {
-        tip_mm_s: tip,
-        turn_rad_s: turn,
-    };
-    let trajectory = Trajectory::plan(arm(), path, &joints, &limits, clinical, PERIOD_S).unwrap();
+    let (trajectory, start, portal) = benchmark(axis, PERIOD_S, &limits);
     let mut all: Vec<f64> = (0..64_u32)
         .map(|pattern| {
             let lags_s = std::array::from_fn(|i| {
                 let sign = if pattern >> i & 1 == 1 { 1.0 } else { -1.0 };
                 lag_s * (1.0 + sign * mismatch)
             });
-            lagging_mm(&trajectory, &joints, &portal, &lags_s)
+            lagging_mm(&trajectory, &start, &portal, &lags_s)
         })
         .collect();
-    let alternating = all[0b010101];
     all.sort_by(f64::total_cmp);
-    (alternating, all[32], all[60], all[63])
+    [trajectory.duration_s(), all[32], all[63]]
 }
 
 #[test]
 fn joints_that_lag_unequally_keep_the_shaft_near_the_portal() {
-    for (turn, tip) in [
-        (0.25, 20.0),
-        (0.1745, 20.0),
-        (0.1745, 10.0),
-        (0.0873, 10.0),
-        (0.0524, 6.0),
-        (0.0349, 4.0),
+    for (lag_s, mismatch, axes) in [
+        (0.03, 0.0, &AXES[..]),
+        (0.03, 0.033, &AXES[..]),
+        (0.03, 0.2, &AXES[..]),
+        (0.1, 0.2, &AXES[..1]),
     ] {
-        for axis in AXES {
-            let axis = Vector3::from(axis);
-            println!(
-                "LAG {turn} {tip} {axis:?}: 30 ms +-20 % {:.3?}; 100 ms {:.3?}",
-                spread_mm(axis, 0.03, 0.2, turn, tip),
-                spread_mm(axis, 0.1, 0.2, turn, tip)
-            );
+        for axis in axes.iter().copied() {
+            let found = lagging(axis.into(), lag_s, mismatch);
+            println!("lag {lag_s} s, +-{mismatch}, about {axis:?}: s, mm {found:.3?}");
+            // What all joints share bends the way a little where the speed changes.
+            assert!(found[2] <= 0.3 + 0.03, "{found:?}");
         }
     }
 }
@@ -273,8 +274,8 @@ fn a_law_keeps_the_limits_of_every_joint() {
     }
     let mut most = [0.0_f64; 3];
     for window in samples.windows(4) {
-        for i in 0..6 {
-            let [a, b, c, d] = [window[0][i], window[1][i], window[2][i], window[3][i]];
+        let [first, second, third, fourth] = [window[0], window[1], window[2], window[3]];
+        for (((a, b), c), d) in first.iter().zip(second).zip(third).zip(fourth) {
             most[0] = most[0].max(((b - a) / h).abs());
             most[1] = most[1].max(((c - 2.0 * b + a) / (h * h)).abs());
             most[2] = most[2].max(((d - 3.0 * c + 3.0 * b - a) / (h * h * h)).abs());

@@ -71,6 +71,13 @@ impl FakeArm {
                 self.rotation = upright((point(pivot.aim) - portal).normalize());
                 self.tip = portal + self.shaft() * depth;
             }
+            Motion::Rcm(rcm) => {
+                let portal = self.portal.unwrap();
+                if let Some(rcm_move::Target::Aim(aim)) = rcm.target {
+                    self.rotation = upright((point(Some(aim)) - portal).normalize());
+                }
+                self.tip = portal + self.shaft() * rcm.depth_mm;
+            }
             Motion::Insert(insert) => self.advance(insert.depth_mm),
             Motion::Retract(retract) => self.advance(retract.depth_mm),
             Motion::Joint(_) => panic!("no joint moves are expected"),
@@ -251,6 +258,7 @@ impl MotionService for FakeMotion {
             Motion::Insert(_) => "INSERT",
             Motion::Retract(_) => "RETRACT",
             Motion::Joint(_) => "JOINT",
+            Motion::Rcm(_) => "RCM",
         };
         let command = format!("{verb} {}", name(arm));
         let id = self

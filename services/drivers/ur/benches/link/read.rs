@@ -158,10 +158,10 @@ pub fn read(kind: &str, host: &str, hz: f64, seconds: f64) -> String {
         "latest" => {
             let reader = Reader::connect(host, PORT, hz, PATIENCE).unwrap();
             let latest = reader.keep_latest(PATIENCE).unwrap();
-            let mut last_s = f64::NEG_INFINITY;
+            let mut last = 0;
             loop {
-                let sample = latest.newer_than(last_s, PATIENCE).unwrap();
-                last_s = sample.timestamp_s;
+                let sample = latest.newer_than(last, PATIENCE).unwrap();
+                last = sample.number;
                 if !seen.note(&sample, seconds) {
                     break;
                 }

@@ -4,7 +4,7 @@ use std::{collections::VecDeque, io, time::Duration};
 
 use tokio::{
     net::TcpStream,
-    time::{Instant, timeout, timeout_at},
+    time::{timeout, timeout_at},
 };
 
 use super::{
@@ -54,7 +54,7 @@ impl Primary {
     /// Nothing within `silence`, a violated protocol, a broken connection.
     pub async fn next(&mut self, silence: Duration) -> Result<Message, Error> {
         tokio::task::consume_budget().await;
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         loop {
             if let Some(packet) = Packet::first(&self.inbox[self.start..self.end])? {
                 self.start += packet.size();

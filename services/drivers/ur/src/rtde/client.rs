@@ -18,9 +18,12 @@ use super::{
 use crate::Error;
 
 pub(super) const SERVICE: &str = "rtde";
+/// What the system may keep for us unread. A state that waits is worth less with every cycle: what does not fit stays
+/// with the controller, which sends newer ones instead.
+const RECEIVE_BUFFER_BYTES: u32 = 128 * 1024;
 /// Reads in one `newest` before the state at hand counts as the newest: a flooding controller cannot hold us for ever.
-/// All of them together take more than a socket's buffer holds.
-pub(super) const READS_AT_ONCE: usize = 128;
+/// All of them together take more than the system keeps.
+pub(super) const READS_AT_ONCE: usize = 8;
 
 /// A connection to port 30004. Not started until [`Client::start`].
 ///
@@ -81,7 +84,14 @@ impl Client {
     /// No connection, no answer within `reply_timeout`, a controller that has neither version, or one whose RTDE is known
     /// to be wrong ([`Error::TooOld`]).
     pub async fn connect(host: &str, port: u16, reply_timeout: Duration) -> Result<Self, Error> {
-        let stream = crate::error::connect(SERVICE, host, port, reply_timeout).await?;
+        let stream = crate::error::connect_with_buffer(
+            SERVICE,
+            host,
+            port,
+            reply_timeout,
+            RECEIVE_BUFFER_BYTES,
+        )
+        .await?;
         let mut client = Self {
             stream,
             inbox: Inbox::default(),
@@ -291,7 +301,7 @@ impl Client {
         recipe: &OutputRecipe,
         silence: Duration,
     ) -> Result<&[u8], Error> {
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         self.receive(&recipe.wanted(self.version), deadline, silence)
             .await?;
         Ok(&self.data)
@@ -306,11 +316,11 @@ impl Client {
         subscription: &mut Subscription<S>,
         silence: Duration,
     ) -> Result<Sample<S>, Error> {
-        let deadline = Instant::now() + silence;
+        let deadline = crate::error::deadline(silence);
         let wanted = subscription.wanted(self.version);
         loop {
-            self.receive(&wanted, deadline, silence).await?;
-            if let Some(sample) = subscription.sample(&self.data)? {
+            let packages = self.receive(&wanted, deadline, silence).await?;
+            if let Some(sample) = subscription.sample(&self.data, packages)? {
                 return Ok(sample);
             }
         }
@@ -321,7 +331,7 @@ impl Client {
         wanted: &Wanted,
         deadline: Instant,
         silence: Duration,
-    ) -> Result<(), Error> {
+    ) -> Result<u64, Error> {
         // A flooding controller never lets us wait: other tasks must run all the same.
         tokio::task::consume_budget().await;
         loop {
@@ -342,7 +352,7 @@ impl Client {
                 }
             }
             if packages > 0 {
-                return Ok(());
+                return Ok(packages);
             }
             self.flush()?;
             match timeout_at(deadline, self.stream.readable()).await {

@@ -116,13 +116,14 @@ impl<S: Outputs> Reader<S> {
     /// Waits for a state that is newer than the last, and gives the newest there is.
     ///
     /// # Errors
-    /// No new state within `silence`, a timestamp that is not a number, a violated protocol, a broken connection.
+    /// No new state within `silence` (> 0), a timestamp that is not a number, a violated protocol, a broken connection.
     pub fn next(&mut self, silence: Duration) -> Result<Sample<S>, Error> {
         let began = Instant::now();
         let mut left = silence;
         loop {
-            if self.receive(left, silence)? > 0
-                && let Some(sample) = self.subscription.sample(&self.data)?
+            let packages = self.receive(left, silence)?;
+            if packages > 0
+                && let Some(sample) = self.subscription.sample(&self.data, packages)?
             {
                 return Ok(sample);
             }
@@ -310,38 +311,47 @@ impl<S> Shared<S> {
 }
 
 impl<S: Outputs> Latest<S> {
-    /// The newest sample; `None` before the first. Its [`age`](Sample::age) goes on growing when no more come.
+    /// The newest sample; `None` before the first. Its [`age`](Sample::age) goes on growing when no more come, and its
+    /// number tells how many states came since another one.
     pub fn newest(&self) -> Option<Sample<S>> {
         self.shared.slot().sample
     }
 
-    /// Waits for a sample later than this time of the controller (`f64::NEG_INFINITY`: any).
+    /// Waits for a sample after that of this number (0: any). Its `skipped` counts from there.
     ///
     /// # Errors
     /// None within `limit`; what ended the reading, once, and [`Error::Closed`] after that.
-    pub fn newer_than(&self, timestamp_s: f64, limit: Duration) -> Result<Sample<S>, Error> {
+    pub fn newer_than(&self, number: u64, limit: Duration) -> Result<Sample<S>, Error> {
         let mut slot = self.shared.slot();
         slot.waiting += 1;
         let (mut slot, _) = self
             .shared
             .newer
             .wait_timeout_while(slot, limit, |slot| {
-                let newer = slot
-                    .sample
-                    .is_some_and(|sample| sample.timestamp_s > timestamp_s);
-                !newer && slot.ended.is_none()
+                slot.newer_than(number).is_none() && slot.ended.is_none()
             })
             .unwrap_or_else(PoisonError::into_inner);
         slot.waiting -= 1;
-        if let Some(sample) = slot.sample
-            && sample.timestamp_s > timestamp_s
-        {
+        if let Some(sample) = slot.newer_than(number) {
             return Ok(sample);
         }
         match &mut slot.ended {
             Some(ended) => Err(ended.take().unwrap_or(Error::Closed { service: SERVICE })),
             None => Err(silent(limit)),
         }
+    }
+}
+
+impl<S: Copy> Slot<S> {
+    fn newer_than(&self, number: u64) -> Option<Sample<S>> {
+        let sample = self.sample.filter(|sample| sample.number > number)?;
+        // The first sample ever replaced none.
+        let skipped = if number == 0 {
+            0
+        } else {
+            sample.number - number - 1
+        };
+        Some(Sample { skipped, ..sample })
     }
 }
 

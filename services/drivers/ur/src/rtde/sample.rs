@@ -23,8 +23,10 @@ pub struct Sample<S> {
     pub state: S,
     /// The controller's clock, s since its start. Grows from sample to sample.
     pub timestamp_s: f64,
-    /// States between the last sample and this one that nobody saw: not sent by the controller, lost, or replaced by this
-    /// one before they were read. 0: none was missed.
+    /// Number of this state, those counted that nobody saw. The first sample has 1.
+    pub number: u64,
+    /// States between the last sample and this one that nobody saw: not sent by the controller, by its clock, or replaced
+    /// by this one before they were read. 0: none was missed.
     pub skipped: u64,
     /// How much longer it was under way than the quickest of the last seconds: time it waited in the controller, the
     /// network or for this process. Needs a controller whose clock runs as fast as ours; one that runs faster (some
@@ -55,6 +57,10 @@ pub struct Subscription<S> {
     state_offset: usize,
     freshness: Freshness,
     began: Instant,
+    /// Of the last sample.
+    number: u64,
+    /// Packages received since the last sample.
+    packages: u64,
     state: PhantomData<S>,
 }
 
@@ -79,6 +85,8 @@ impl<S: Outputs> Subscription<S> {
             },
             freshness: Freshness::new(frequency_hz),
             began: Instant::now(),
+            number: 0,
+            packages: 0,
             state: PhantomData,
         }
     }
@@ -87,8 +95,13 @@ impl<S: Outputs> Subscription<S> {
         self.recipe.wanted(version)
     }
 
-    /// The sample of a package received now; `None` when it is not newer than the last.
-    pub(super) fn sample(&mut self, package: &[u8]) -> Result<Option<Sample<S>>, Error> {
+    /// The sample of the newest of some packages received now; `None` when it is not newer than the last.
+    pub(super) fn sample(
+        &mut self,
+        package: &[u8],
+        packages: u64,
+    ) -> Result<Option<Sample<S>>, Error> {
+        self.packages += packages;
         let received = Instant::now();
         let mut stamp = package.get(self.timestamp_offset..).unwrap_or_default();
         let mut fields = package.get(self.state_offset..).unwrap_or_default();
@@ -100,14 +113,27 @@ impl<S: Outputs> Subscription<S> {
             .freshness
             .judge(timestamp_s, received.saturating_duration_since(self.began))
         {
-            Ok(fresh) => Ok(Some(Sample {
-                state,
-                timestamp_s,
-                skipped: fresh.skipped,
-                lateness: fresh.lateness,
-                received,
-            })),
-            Err(Stale::Old) => Ok(None),
+            Ok(fresh) => {
+                // What came before the first sample is nobody's loss.
+                let replaced = std::mem::take(&mut self.packages).saturating_sub(1);
+                let skipped = match self.number {
+                    0 => 0,
+                    _ => fresh.skipped.max(replaced),
+                };
+                self.number = self.number.saturating_add(skipped).saturating_add(1);
+                Ok(Some(Sample {
+                    state,
+                    timestamp_s,
+                    number: self.number,
+                    skipped,
+                    lateness: fresh.lateness,
+                    received,
+                }))
+            }
+            Err(Stale::Old) => {
+                self.packages = self.packages.saturating_sub(1);
+                Ok(None)
+            }
             Err(Stale::NoTime) => Err(Error::Value {
                 field: "timestamp",
                 value: timestamp_s,

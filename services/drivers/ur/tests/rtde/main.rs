@@ -288,24 +288,29 @@ fn the_latest_sample_is_kept_for_everybody_until_the_line_ends() {
         line.send(&[0, 2, 0]);
     });
     let latest = read(&served).unwrap().keep_latest(PATIENCE).unwrap();
-    let mut last_s = f64::NEG_INFINITY;
+    let (mut last, mut last_s) = (0, f64::NEG_INFINITY);
     while last_s < 1.197 {
-        let sample = latest.newer_than(last_s, PATIENCE).unwrap();
+        let sample = latest.newer_than(last, PATIENCE).unwrap();
         assert!(sample.timestamp_s > last_s);
-        last_s = sample.timestamp_s;
+        if last > 0 {
+            assert_eq!(sample.number, last + sample.skipped + 1);
+            let between = ((sample.timestamp_s - last_s) / 0.002).round() as u64 - 1;
+            assert_eq!(sample.skipped, between);
+        }
+        (last, last_s) = (sample.number, sample.timestamp_s);
     }
     assert_eq!(latest.newest().unwrap().timestamp_s, last_s);
     assert!(matches!(
-        latest.newer_than(last_s, Duration::from_millis(10)),
+        latest.newer_than(last, Duration::from_millis(10)),
         Err(Error::Timeout { .. })
     ));
     go.send(()).unwrap();
     assert!(matches!(
-        latest.newer_than(last_s, PATIENCE),
+        latest.newer_than(last, PATIENCE),
         Err(Error::Wire(wire::Error::Size(2)))
     ));
     assert!(matches!(
-        latest.newer_than(last_s, PATIENCE),
+        latest.newer_than(last, PATIENCE),
         Err(Error::Closed { .. })
     ));
     // A dead line still shows its last sample, and its age.

@@ -12,6 +12,7 @@ use arthro_geometry::nalgebra::Vector2;
 
 use super::Links;
 use crate::kinematics::flange_pose::FlangePose;
+use crate::kinematics::polish;
 use crate::kinematics::solutions::Solutions;
 
 /// How far outside its reach a pose is still taken for rounding, mm; its solutions miss it by no more.
@@ -44,6 +45,20 @@ impl Leeway {
     };
 }
 
+/// Nearer to the shoulder's singularity than this joint 1 is known to less than 1e-12 rad, mm.
+const SHOULDER_DOUBTED_MM: f64 = 1.0;
+/// How far out of reach the elbow may then seem to be, mm.
+const REACH_DOUBTED_MM: f64 = 1e-4;
+
+/// Whether a branch may be missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::kinematics) enum Doubt {
+    /// None is.
+    None,
+    /// One is out of the elbow's reach by a joint 1 that is hardly known.
+    Reach,
+}
+
 impl Links {
     /// All joint angles that reach a pose, each in -pi .. pi; none when it is out of reach. Branches that
     /// meet at a singularity are all listed.
@@ -51,7 +66,17 @@ impl Links {
     /// Where the wrist is singular, joint 6 is `singular_q6_rad`, that of the sample before, or the nearest
     /// to it with which the elbow reaches.
     pub fn inverse(&self, flange: &FlangePose, singular_q6_rad: f64) -> Solutions {
-        self.inverse_with(flange, singular_q6_rad, &Leeway::NONE)
+        match self.inverse_with(flange, singular_q6_rad, &Leeway::NONE) {
+            (solutions, Doubt::None) => solutions,
+            (solutions, Doubt::Reach) => {
+                let doubted = Leeway {
+                    reach_mm: REACH_DOUBTED_MM,
+                    ..Leeway::NONE
+                };
+                let (seeds, _) = self.inverse_with(flange, singular_q6_rad, &doubted);
+                polish::complete(self, flange, &seeds, solutions)
+            }
+        }
     }
 
     /// The same, or joints that nearly reach.
@@ -61,15 +86,16 @@ impl Links {
         flange: &FlangePose,
         singular_q6_rad: f64,
         leeway: &Leeway,
-    ) -> Solutions {
+    ) -> (Solutions, Doubt) {
         let mut solutions = Solutions::default();
+        let mut doubt = Doubt::None;
         let rotation = &flange.rotation;
         let (x6, y6, z6) = (rotation.column(0), rotation.column(1), rotation.column(2));
         let p5 = self.last_bend(flange);
         // n has length 1 and p5 . n = d4: along p5 and across it, seen from above, it has these parts.
         let radius = (p5.x * p5.x + p5.y * p5.y).sqrt();
         if !(self.d4_mm - leeway.reach_mm..).contains(&radius) {
-            return solutions;
+            return (solutions, doubt);
         }
         let across = ((radius - self.d4_mm).max(0.0) * (radius + self.d4_mm)).sqrt();
         let across = across.max(leeway.shoulder_mm);
@@ -115,6 +141,9 @@ impl Links {
                         let z4 = Vector2::new(c * z4.x - s * z4.y, s * z4.x + c * z4.y);
                         bends = self.bends(&(last_bend - z4 * self.d5_mm), leeway);
                     }
+                    if bends.is_none() && across.abs() < SHOULDER_DOUBTED_MM {
+                        doubt = Doubt::Reach;
+                    }
                 }
                 for (q2, q3) in bends.into_iter().flatten() {
                     let q4 = wrap_once(wrap_once(q234 + turned) - q2 - q3);
@@ -124,7 +153,7 @@ impl Links {
                 }
             }
         }
-        solutions
+        (solutions, doubt)
     }
 
     /// Joints 2 and 3, elbow one way and the other, that bring the wrist to a place in the plane of the arm,

@@ -27,11 +27,11 @@ fn account(cases: usize) -> (usize, f64) {
 /// `ARTHRO_POSES` sets how many are tried. Near two singularities at once a branch may be missed.
 #[test]
 fn the_branches_of_a_calibrated_arm_are_found_from_those_of_the_drawing() {
-    let cases = std::env::var("ARTHRO_POSES").map_or(10_000, |poses| poses.parse().unwrap());
+    let cases = std::env::var("ARTHRO_POSES").map_or(5000, |poses| poses.parse().unwrap());
     let (lost, worst_mm) = account(cases);
     eprintln!("{cases} poses: {lost} lost, worst residual {worst_mm:.1e} mm");
     assert!(worst_mm <= RESIDUAL_MAX, "{worst_mm}");
-    assert!(lost * 5000 <= cases, "{lost} of {cases} lost");
+    assert!(lost * 2500 <= cases, "{lost} of {cases} lost");
 }
 
 /// Nearly parallel axes make a table whose lengths along them are metres that cancel, and whose offsets are

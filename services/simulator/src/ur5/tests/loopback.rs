@@ -373,6 +373,69 @@ async fn the_slider_stretches_a_stream_and_no_sample_is_skipped() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_e_series_follows_a_stream_at_500_samples_a_second() {
+    let cell = Cell::start(Config {
+        powered: true,
+        ..Config::of(Series::E)
+    })
+    .await;
+    let mut arm = cell.connect().await;
+    assert_eq!(arm.identity().series, ur_link::Series::ESeries);
+    assert_eq!(arm.period_s(), 0.002);
+    let start = drive(&mut arm, Command::Hold, finished).await;
+    let sample = |number: i32| {
+        let mut joints_rad = start.target_q;
+        joints_rad[0] += 0.1 * (1.0 - (f64::from(number) * 0.005).cos());
+        joints_rad
+    };
+    let end = follow(&mut arm, 628, sample).await;
+    let taken_s = end.timestamp_s - start.timestamp_s;
+    assert!((taken_s - 628.0 * 0.002).abs() < 0.02, "{taken_s}");
+    drive(&mut arm, Command::Stop, |state| {
+        finished(state) && state.actual_qd[0].abs() < 1e-4
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_controller_that_must_not_be_commanded_is_named() {
+    let cell = Cell::start(Config {
+        control: crate::ur5::Control::Local,
+        ..Config::of(Series::E)
+    })
+    .await;
+    let refusal = ur_link::Controller::connect(cell.options()).await.err();
+    assert!(matches!(refusal, Some(Error::LocalControl)), "{refusal:?}");
+
+    let cell = Cell::start(Config {
+        version: Some("3.8.0.1".parse().unwrap()),
+        ..Config::default()
+    })
+    .await;
+    let refusal = ur_link::Controller::connect(cell.options()).await.err();
+    assert!(
+        matches!(refusal, Some(Error::Firmware { .. })),
+        "{refusal:?}"
+    );
+
+    let cell = Cell::start(Config::of(Series::E)).await;
+    let mut options = cell.options();
+    options.expected = Some(ur_link::Expected {
+        series: ur_link::Series::Cb3,
+        model: "UR5".to_owned(),
+    });
+    let refusal = ur_link::Controller::connect(options).await.err();
+    assert!(
+        matches!(refusal, Some(Error::WrongRobot { .. })),
+        "{refusal:?}"
+    );
+    assert_eq!(
+        lock(&cell.controller).robot_mode(),
+        ur_link::RobotMode::PowerOff
+    );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_program_that_was_paused_does_not_go_on_with_its_stream() {
     let cell = Cell::start(Config {
         powered: true,
@@ -662,7 +725,7 @@ async fn measure_cycles_per_second_with_one_controlling_client() {
         stream.consume(state.program.sample_consumed).unwrap();
         while stream.wants() {
             let mut joints_rad = start.target_q;
-            let time_s = f64::from(stream.next_number()) * Series::Cb3.step_s();
+            let time_s = f64::from(stream.next_number()) * arm.period_s();
             joints_rad[0] += 0.3 * (1.0 - time_s.cos());
             stream.push(joints_rad);
         }

@@ -277,6 +277,9 @@ fn no_input_panics_or_outgrows_its_bounds() {
     let (mut compiled, mut failed) = (0u64, 0u64);
     for number in 0..inputs {
         let input = fuzz.input();
+        if number % 100_000 == 0 {
+            println!("{number} inputs");
+        }
         let mut upload = Upload::default();
         let units = upload.feed(input.as_bytes()).unwrap();
         let rest = upload.finish();

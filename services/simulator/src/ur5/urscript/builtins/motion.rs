@@ -219,7 +219,7 @@ fn move_joints(
     time_s: f64,
     blend_m: f64,
 ) -> Result<Outcome, String> {
-    let (accel, speed) = (args.positive(1)?, args.positive(2)?);
+    let (accel, speed) = rates(args, time_s)?;
     let pose = matches!(args.value(0), Value::Pose(_));
     let goal = args.six(0)?;
     path(context, blend_m, |robot, start| {
@@ -239,7 +239,7 @@ fn move_line(
     blend_m: f64,
 ) -> Result<Outcome, String> {
     let goal = pose_of(context, args, 0)?;
-    let (accel, speed) = (args.positive(1)?, args.positive(2)?);
+    let (accel, speed) = rates(args, time_s)?;
     path(context, blend_m, |robot, start| {
         Ok(Motion::line(
             tool(robot, start),
@@ -249,6 +249,15 @@ fn move_line(
             time_s,
         ))
     })
+}
+
+/// Acceleration and speed, which do not matter for a move that is told its time.
+fn rates(args: &Args<'_>, time_s: f64) -> Result<(f64, f64), String> {
+    if time_s > 0.0 {
+        Ok((args.number(1)?, args.number(2)?))
+    } else {
+        Ok((args.positive(1)?, args.positive(2)?))
+    }
 }
 
 /// A path blocks until its end, or until the next may begin.

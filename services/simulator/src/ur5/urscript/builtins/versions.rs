@@ -12,18 +12,15 @@ const E: Since = Since::e_only([5, 0, 0]);
 const TORQUE: Since = Since::e_only([5, 23, 0]);
 const OPTIMOVE: Since = Since::e_only([5, 21, 0]);
 
-/// Functions that not every version has; the rest are in all.
+/// Functions that not every version has; the rest are in all. What the manufacturer's own client library calls on CB3 without
+/// asking for the version is in all, too.
 const GATES: &[(&str, Since)] = &[
     ("direct_torque", TORQUE),
     (
         "enable_external_ft_sensor",
         Since::new([3, 3, 0], [5, 0, 0]),
     ),
-    ("end_freedrive_mode", E),
-    ("force_mode_set_gain_scaling", E),
-    ("freedrive_mode", E),
     ("ft_rtde_input_enable", Since::new([3, 14, 1], [5, 9, 1])),
-    ("get_actual_joint_positions_history", E),
     ("get_coriolis_and_centrifugal_torques", TORQUE),
     ("get_freedrive_status", E),
     (
@@ -34,10 +31,7 @@ const GATES: &[(&str, Since)] = &[
     ("get_jacobian_time_derivative", TORQUE),
     ("get_mass_matrix", TORQUE),
     ("get_target_joint_accelerations", TORQUE),
-    (
-        "get_target_payload_inertia",
-        Since::new([3, 15, 0], [5, 10, 0]),
-    ),
+    ("get_target_payload_inertia", Since::e_only([5, 10, 0])),
     ("interpreter_mode", E),
     ("make_list", LISTS),
     ("optimovej", OPTIMOVE),
@@ -45,9 +39,8 @@ const GATES: &[(&str, Since)] = &[
     ("rpc_factory", Since::new([3, 0, 0], [5, 0, 0])),
     ("screw_driving", E),
     ("end_screw_driving", E),
-    ("set_target_payload", Since::new([3, 15, 0], [5, 10, 0])),
+    ("set_target_payload", Since::e_only([5, 10, 0])),
     ("set_tool_communication", E),
-    ("tool_contact", E),
 ];
 
 /// First versions with the built-in function of this name.

@@ -81,6 +81,19 @@ fn a_radius_without_a_next_move_leads_to_the_goal() {
 }
 
 #[test]
+fn a_move_that_is_told_its_time_needs_no_speed() {
+    let lines = "
+      q = get_target_joint_positions()
+      q[0] = q[0] + 0.1
+      movej(q, a=0, v=0, t=1)
+      textmsg(norm(get_target_joint_positions() - q))";
+    let (poses, run) = track(lines);
+    assert_eq!(run.said(), ["0"]);
+    assert!((124..=130).contains(&poses.len()), "{}", poses.len());
+    assert!(failure("movej([0, 0, 0, 0, 0, 0], a=0)").contains("a is 0, must be above 0"));
+}
+
+#[test]
 fn an_arc_passes_its_via_point() {
     let lines = "
       start = get_target_tcp_pose()
