@@ -7,16 +7,16 @@ mod safety;
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Translation3};
-use ur_link::{RobotMode, SafetyMode, rtde::wire::Value};
+use nalgebra::Isometry3;
+use ur_link::{RobotMode, SafetyMode};
 
 use super::{
     Config,
     joints::{Drives, Limits},
     kinematics::{self, Dh, Joints},
     motion::{self, Blend, Chase, Motion, Progress, Target},
-    power::{Breakdown, Button, Power},
-    registers::{Bank, Input, Outputs},
+    power::{Breakdown, Power},
+    registers::Bank,
     urscript::{Isolated, Network},
     watchdog::Watchdogs,
 };
