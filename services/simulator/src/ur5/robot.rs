@@ -1,37 +1,34 @@
 //! The arm without its programs: modes, motion, joints, registers. Programs act on it through these methods; it moves
 //! by one cycle at a time.
 
+mod inputs;
+mod load;
+mod safety;
+
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Translation3};
-use ur_link::{RobotMode, SafetyMode, rtde::wire::Value};
+use nalgebra::Isometry3;
+use ur_link::{RobotMode, SafetyMode};
 
 use super::{
     Config,
     joints::{Drives, Limits},
     kinematics::{self, Dh, Joints},
     motion::{self, Blend, Chase, Motion, Progress, Target},
-    power::{Breakdown, Button, Power},
-    registers::{Bank, Input, Outputs},
+    power::{Breakdown, Power},
+    registers::Bank,
     urscript::{Isolated, Network},
     watchdog::Watchdogs,
 };
 
 pub use super::messages::{Level, Log, Message};
 pub use super::watchdog::WatchdogAction;
+pub use load::GRAVITY_M_S2;
 
 /// Deceleration when a program ends or loses its motion, rad/s².
 const PROGRAM_STOP_RAD_S2: f64 = 4.0;
-/// Deceleration of a protective stop, rad/s².
-const PROTECTIVE_STOP_RAD_S2: f64 = 20.0;
 /// Largest change of the speed scaling, 1/s: full speed to pause in 80 ms.
 const SCALING_PER_S: f64 = 12.5;
-/// Gravity where the arm stands, m/s².
-pub const GRAVITY_M_S2: f64 = 9.82;
-/// Number of the error that a protective stop is told with.
-const PROTECTIVE_STOP_CODE: i32 = 153;
-/// Number of the error that a failed joint is told with; its argument is the joint.
-const JOINT_FAULT_CODE: i32 = 4;
 
 /// A thread of any program; no two of one controller share a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -372,48 +369,6 @@ impl Robot {
         };
     }
 
-    /// Stops the arm until a person unlocks it.
-    pub fn protective_stop(&mut self, reason: &str) {
-        if self.power.protective_stop() {
-            tracing::warn!(reason, now_s = self.now_s(), "protective stop");
-            self.log.push(Message::Error {
-                code: PROTECTIVE_STOP_CODE,
-                argument: 0,
-                level: Level::Violation,
-                text: format!("protective stop: {reason}"),
-            });
-            self.stop(PROTECTIVE_STOP_RAD_S2);
-        }
-    }
-
-    /// Presses an emergency stop: the arm stops, then loses its power.
-    pub fn press(&mut self, button: Button) {
-        self.power.press(button);
-        if self.is_moving() {
-            self.stop(PROTECTIVE_STOP_RAD_S2);
-        }
-    }
-
-    /// A joint fails, or is whole again; the safety system needs a restart after that.
-    pub fn set_joint_failed(&mut self, joint: usize, failed: bool) {
-        if let Some(state) = self.failed_joints.get_mut(joint)
-            && std::mem::replace(state, failed) != failed
-            && failed
-        {
-            self.log.push(Message::Error {
-                code: JOINT_FAULT_CODE,
-                argument: joint as i32,
-                level: Level::Fault,
-                text: format!("joint {joint} does not respond"),
-            });
-        }
-    }
-
-    /// Which joints have failed.
-    pub fn failed_joints(&self) -> &[bool; 6] {
-        &self.failed_joints
-    }
-
     /// Lets the joints lag more than they are made to, s.
     pub fn set_extra_lag(&mut self, extra_lag_s: Joints) {
         self.extra_lag_s = extra_lag_s;
@@ -424,19 +379,6 @@ impl Robot {
     /// What the joints lag too much, s.
     pub fn extra_lag_s(&self) -> Joints {
         self.extra_lag_s
-    }
-
-    /// What truly hangs at the flange, kg.
-    pub fn carried_kg(&self) -> f64 {
-        self.config.carried_kg.unwrap_or(self.payload_kg)
-    }
-
-    /// Force and torque that the controller believes to feel, in base axes: the weight that was not declared, and what an
-    /// external sensor tells. N and Nm.
-    pub fn wrench(&self) -> Joints {
-        let mut wrench = self.external_wrench;
-        wrench[2] -= (self.carried_kg() - self.payload_kg) * GRAVITY_M_S2;
-        wrench
     }
 
     /// Brakes on, power off.
@@ -455,69 +397,6 @@ impl Robot {
         self.watchdogs.clear();
         if self.is_moving() {
             self.stop(PROGRAM_STOP_RAD_S2);
-        }
-    }
-
-    /// `rtde_set_watchdog`.
-    pub fn set_watchdog(&mut self, input: Input, min_frequency_hz: f64, action: WatchdogAction) {
-        let now_s = self.now_s();
-        self.watchdogs
-            .set(input, 1.0 / min_frequency_hz, now_s, action);
-    }
-
-    /// The action of a watchdog whose input was not written in time.
-    pub fn watchdog_bite(&self) -> Option<WatchdogAction> {
-        self.watchdogs.bite(self.now_s())
-    }
-
-    /// What an RTDE client writes; takes effect in the next cycle.
-    pub fn write_input(&mut self, input: Input, value: Value) {
-        self.watchdogs.feed(input, self.now_s());
-        match (input, value) {
-            (Input::Register(register), value) => register.write(&mut self.inputs, value),
-            (Input::SpeedSliderMask, Value::UInt32(mask)) => self.slider_unlocked = mask & 1 == 1,
-            (Input::SpeedSliderFraction, Value::Double(fraction))
-                if self.slider_unlocked && fraction.is_finite() =>
-            {
-                self.speed_slider = fraction.clamp(0.0, 1.0);
-            }
-            (Input::OutputMask(group), Value::UInt8(mask)) => {
-                self.output_masks[group as usize] = mask
-            }
-            (Input::Output(group), Value::UInt8(bits)) => {
-                let mask = self.output_masks[group as usize];
-                for bit in (0..group.count()).filter(|bit| mask >> bit & 1 == 1) {
-                    self.set_output(group, bit, bits >> bit & 1 == 1);
-                }
-            }
-            (Input::AnalogMask, Value::UInt8(mask)) => self.analog_mask = mask,
-            (Input::AnalogType, Value::UInt8(volts)) => {
-                let mask = self.analog_mask;
-                self.analog_in_volts = self.analog_in_volts & !mask | volts & mask;
-            }
-            (Input::Analog(output), Value::Double(value))
-                if self.analog_mask >> output & 1 == 1 && value.is_finite() =>
-            {
-                self.analog_outputs[output] = value.clamp(0.0, 1.0)
-            }
-            (Input::ExternalForceTorque, Value::Vector6D(wrench))
-                if wrench.iter().all(|part| part.is_finite()) =>
-            {
-                self.external_wrench = wrench;
-            }
-            _ => {}
-        }
-    }
-
-    /// Switches one digital output; numbers outside the group are left out.
-    pub fn set_output(&mut self, group: Outputs, number: u32, on: bool) {
-        if number < group.count() {
-            let mask = 1 << (group.first_bit() + number);
-            self.digital_outputs = if on {
-                self.digital_outputs | mask
-            } else {
-                self.digital_outputs & !mask
-            };
         }
     }
 
@@ -592,45 +471,6 @@ impl Robot {
                 self.target.qd = [0.0; 6];
             }
         }
-    }
-
-    /// The first limit that the commanded joints break.
-    fn broken_limit(&self) -> Option<String> {
-        let (position, speed) = (self.config.joint_range_rad, self.config.joint_speed_rad_s);
-        (0..6).find_map(|joint| {
-            let (q, qd) = (self.target.q[joint], self.target.qd[joint]);
-            if !(q.is_finite() && q.abs() <= position) {
-                Some(format!("joint {joint} at {q:.3} rad, limit {position:.3}"))
-            } else if qd.abs() > speed * 1.05 {
-                Some(format!("joint {joint} at {qd:.3} rad/s, limit {speed:.3}"))
-            } else {
-                None
-            }
-        })
-    }
-
-    fn tell_safety(&mut self) {
-        let safety = self.power.safety();
-        if safety != self.safety_told {
-            tracing::info!(%safety, now_s = self.now_s(), "safety mode");
-            self.safety_told = safety;
-            self.log.push(Message::Safety(safety));
-        }
-    }
-
-    /// What hangs at the flange is inertia to the joints that swing it.
-    fn carry_payload(&mut self) {
-        let carried_kg = self.carried_kg();
-        let inertia_kg_m2 = if carried_kg > 0.0 {
-            let flange_from_cog = Isometry3::from(Translation3::from(self.payload_cog_m));
-            let jacobian = self.dh.jacobian(&self.drives.q, &flange_from_cog);
-            std::array::from_fn(|joint| {
-                carried_kg * jacobian.fixed_view::<3, 1>(0, joint).norm_squared()
-            })
-        } else {
-            [0.0; 6]
-        };
-        self.drives.carry(inertia_kg_m2);
     }
 
     fn rest_where_it_is(&mut self) {
