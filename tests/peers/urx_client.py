@@ -1,9 +1,14 @@
 """urx against one simulated controller: `urx_client.py HOST`. It reads the secondary interface and sends scripts there."""
 
+import collections
+import collections.abc
 import sys
 
 import ur5
-import urx
+
+# The math3d that urx was written for looks for a name that Python moved.
+collections.Iterable = collections.abc.Iterable
+import urx  # noqa: E402
 
 
 def main():
@@ -27,7 +32,7 @@ def main():
         ur5.until(lambda: not robot.is_program_running(), 5)
         check("stop", abs(robot.getj()[0] - home[0]) > 0.02, robot.getj()[0] - home[0])
         robot.set_digital_out(2, True)
-        check("digital output", ur5.until(lambda: not robot.is_program_running(), 5))
+        check("digital output", ur5.until(lambda: robot.get_digital_out(2) == 1, 5))
     finally:
         robot.close()
     return check.exit_code()
