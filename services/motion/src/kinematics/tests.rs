@@ -138,12 +138,12 @@ fn manipulability_and_distances_tell_the_three_singularities() {
     let mut above = ready;
     let links = model.links();
     above[1] = -PI / 2.0;
-    above[2] = 0.5;
+    above[2] = 0.2;
     above[3] =
         (-links.a3_mm * (above[1] + above[2]).cos() / links.d5_mm).asin() - above[1] - above[2];
-    if above[3].is_finite() {
-        assert!(model.singularities(&above).shoulder_mm < 1e-9);
-    }
+    assert!(model.singularities(&above).shoulder_mm < 1e-9);
+    let share = model.manipulability_mm3(&above) / model.manipulability_mm3(&ready);
+    assert!(share < 1e-9, "{share}");
 }
 
 #[test]
