@@ -79,6 +79,8 @@ impl Configuration {
             arm.host.clone_from(host);
             // All of the cell shares this machine: a busy one is no dead link.
             arm.silence_s = 1.0;
+            // Its joints lag by 9.5 to 10.5 ms.
+            arm.limits.joint_lag_spread_s = 0.001;
             arm.flange_from_tool.rotation_wxyz = flange_from_tool.rotation;
             arm.flange_from_tool.translation_mm = flange_from_tool.translation_mm;
         }
