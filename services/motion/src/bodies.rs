@@ -8,6 +8,7 @@ use arthro_geometry::{Point3, Rigid, Vector3};
 use parry3d_f64::math::Pose3;
 use parry3d_f64::query::details::distance_segment_segment;
 use parry3d_f64::shape::Segment;
+use serde::{Deserialize, Serialize};
 
 use crate::kinematics::{Joints, ToolArm};
 use crate::rcm::shaft;
@@ -62,7 +63,8 @@ const FOREARM_RADIUS_MM: f64 = 50.0;
 const WRIST_RADIUS_MM: f64 = 42.0;
 
 /// What the tool is made of, seen as a body.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ToolShape {
     /// Of the shaft, mm.
     pub shaft_radius_mm: f64,
@@ -138,12 +140,30 @@ impl Links {
     };
 }
 
+impl ToolShape {
+    /// An arthroscope of 4.0 mm.
+    pub const ARTHROSCOPE: Self = Self {
+        shaft_radius_mm: 2.0,
+        drive_unit_mm: 110.0,
+        drive_unit_radius_mm: 35.0,
+    };
+
+    /// The sizes by name, for checks of a configuration.
+    pub fn named(&self) -> [(&'static str, f64); 3] {
+        [
+            ("shaft_radius_mm", self.shaft_radius_mm),
+            ("drive_unit_mm", self.drive_unit_mm),
+            ("drive_unit_radius_mm", self.drive_unit_radius_mm),
+        ]
+    }
+}
+
+/// A forceps of 3.5 mm.
 impl Default for ToolShape {
     fn default() -> Self {
         Self {
-            shaft_radius_mm: 2.0,
-            drive_unit_mm: 110.0,
-            drive_unit_radius_mm: 35.0,
+            shaft_radius_mm: 1.75,
+            ..Self::ARTHROSCOPE
         }
     }
 }
@@ -316,7 +336,7 @@ mod tests {
         let bodies = bodies(&joints);
         let pose = arm().base_from_tool(&joints);
         let axis = bodies.get(Body::Shaft);
-        assert!((axis.ends[0] - (pose.origin() - shaft(&pose) * 2.0)).norm() < 1e-9);
+        assert!((axis.ends[0] - (pose.origin() - shaft(&pose) * 1.75)).norm() < 1e-9);
         assert!((axis.ends[1] - (pose.origin() - shaft(&pose) * 200.0)).norm() < 1e-9);
     }
 }

@@ -9,7 +9,10 @@ use serde::{Deserialize, Serialize};
 use ur_link::{Endpoint, Options};
 
 use crate::arm::ArmOptions;
+use crate::bodies::{ArmShape, Links, ToolShape};
+use crate::cell::Berth;
 use crate::kinematics::{Joints, ToolArm, ur5};
+use crate::layout::Layout;
 use crate::limits::Limits;
 
 /// States a second of a CB3 controller.
@@ -23,6 +26,8 @@ pub const QUATERNION_TOLERANCE: f64 = 1e-3;
 pub struct Config {
     /// The two arms.
     pub arms: Arms,
+    /// How they stand to each other.
+    pub layout: Layout,
 }
 
 /// The arms of the cell.
@@ -51,6 +56,8 @@ pub struct ArmConfig {
     pub reconnect_s: f64,
     /// How the tool is mounted.
     pub flange_from_tool: ToolMount,
+    /// How thick the tool is: what keeps its distance to the other arm and the planes.
+    pub tool_shape: ToolShape,
     /// Mass at the flange, kg.
     pub payload_kg: f64,
     /// The portal in the arm's base, mm, if it is known from the start; else SetPortal states it.
@@ -61,11 +68,11 @@ pub struct ArmConfig {
     pub limits: Limits,
 }
 
-/// flange_from_tool.
+/// A pose: that of the tool at the flange, flange_from_tool, or of one base in another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolMount {
-    /// The tip at the flange, mm.
+    /// The tip at the flange, or the other base's origin, mm.
     pub translation_mm: [f64; 3],
     /// Unit quaternion w, x, y, z: the tool's x is along the shaft and out of the tip.
     pub rotation_wxyz: [f64; 4],
@@ -78,6 +85,7 @@ impl Default for Arms {
             arthroscope: ArmConfig {
                 host: "127.0.0.12".to_owned(),
                 neutral_joints_rad: [0.796, -1.456, -1.861, -3.148, -1.303, -1.522],
+                tool_shape: ToolShape::ARTHROSCOPE,
                 ..ArmConfig::default()
             },
         }
@@ -94,6 +102,7 @@ impl Default for ArmConfig {
             script_port: endpoint.script_port,
             reconnect_s: 1.0,
             flange_from_tool: ToolMount::default(),
+            tool_shape: ToolShape::default(),
             payload_kg: 1.0,
             portal_mm: None,
             neutral_joints_rad: [0.479, -1.185, -2.041, 3.004, -1.102, -1.469],
@@ -130,10 +139,12 @@ pub struct ArmSetup {
     pub link: Options,
     /// For the dry run.
     pub neutral_joints_rad: Joints,
+    /// What it looks like.
+    pub shape: ArmShape,
 }
 
 impl ArmConfig {
-    /// Checks every number.
+    /// Checks every number. The arm knows of no other until [`Layout::seat`] gives it its place.
     pub fn check(&self, name: &'static str) -> Result<ArmSetup, ConfigError> {
         let wrong = |field: &str, fault: String| ConfigError {
             arm: name,
@@ -147,6 +158,17 @@ impl ArmConfig {
             if !(value.is_finite() && value > 0.0) {
                 let fault = format!("is {value}; must be greater than 0");
                 return Err(wrong(&format!("limits.{field}"), fault));
+            }
+        }
+        for (index, plane) in self.limits.planes.iter().enumerate() {
+            if let Some(fault) = plane.fault() {
+                return Err(wrong(&format!("limits.planes[{index}]"), fault));
+            }
+        }
+        for (field, value) in self.tool_shape.named() {
+            if !(0.1..=500.0).contains(&value) {
+                let fault = format!("is {value}; must be within 0.1 .. 500");
+                return Err(wrong(&format!("tool_shape.{field}"), fault));
             }
         }
         for (field, value) in [
@@ -192,12 +214,15 @@ impl ArmConfig {
         }
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         let flange_from_tool = Rigid::new(rotation, translation);
+        let shape = ArmShape::new(&ToolArm::new(flange_from_tool), Links::UR5, self.tool_shape);
         Ok(ArmSetup {
+            shape,
             options: ArmOptions {
                 name,
                 address: format!("{}:{}", self.host, self.rtde_port),
                 arm: ToolArm::new(flange_from_tool),
                 limits: self.limits.clone(),
+                berth: Berth::apart(shape),
                 portal: self.portal_mm.map(Point3::from),
                 period_s: 1.0 / FREQUENCY_HZ,
                 reconnect: Duration::from_secs_f64(self.reconnect_s),
@@ -260,5 +285,9 @@ mod tests {
             refusal(|config| config.neutral_joints_rad[2] = 4.0).contains("neutral_joints_rad")
         );
         assert!(refusal(|config| config.payload_kg = f64::NAN).contains("payload_kg"));
+        assert!(
+            refusal(|config| config.tool_shape.shaft_radius_mm = 0.0)
+                .contains("tool_shape.shaft_radius_mm is 0; must be within 0.1 .. 500")
+        );
     }
 }

@@ -11,6 +11,7 @@ use ur_link::{
 
 use crate::arm::Connect;
 use crate::kinematics::{Joints, ToolArm};
+use crate::rcm::shaft;
 
 pub const PERIOD_S: f64 = 0.008;
 
@@ -26,12 +27,19 @@ pub struct Robot {
     pub joints: Joints,
     /// What the encoders show beside the truth.
     pub encoder_error: Joints,
+    /// What they show of the speeds beside the truth.
+    pub speed_error: Joints,
+    /// How much farther along the shaft the tool seems to be than it is, mm.
+    pub forward_mm: f64,
+    pub robot_mode: RobotMode,
     speeds: Joints,
     pub scaling: f64,
     pub safety_mode: SafetyMode,
     pub program: ProgramState,
     /// Every command received.
     pub commands: Vec<Command>,
+    /// No state comes.
+    pub silent: bool,
     /// Links fail and none can be made.
     pub unreachable: bool,
     pub links_made: usize,
@@ -45,6 +53,9 @@ impl FakeRobot {
             gap_s: 0.0,
             joints,
             encoder_error: [0.0; 6],
+            speed_error: [0.0; 6],
+            forward_mm: 0.0,
+            robot_mode: RobotMode::Running,
             speeds: [0.0; 6],
             scaling: 1.0,
             safety_mode: SafetyMode::Normal,
@@ -53,6 +64,7 @@ impl FakeRobot {
                 ..ProgramState::default()
             },
             commands: Vec::new(),
+            silent: false,
             unreachable: false,
             links_made: 0,
         })))
@@ -84,6 +96,9 @@ impl Connect for FakeRobot {
 impl RobotLink for FakeRobot {
     async fn next_state(&mut self) -> Result<State, Error> {
         tokio::task::yield_now().await;
+        while self.lock().silent {
+            tokio::task::yield_now().await;
+        }
         let mut robot = self.lock();
         if robot.unreachable {
             return Err(Error::Closed { service: "rtde" });
@@ -152,14 +167,27 @@ impl Robot {
         (self.arm.joints(&next, &self.joints).unwrap(), share >= 1.0)
     }
 
+    fn measured(&self) -> Joints {
+        if self.forward_mm == 0.0 {
+            return std::array::from_fn(|i| self.joints[i] + self.encoder_error[i]);
+        }
+        let pose = self.arm.base_from_tool(&self.joints);
+        let ahead = pose.translation_mm() + shaft(&pose) * self.forward_mm;
+        let ahead = self
+            .arm
+            .joints(&Rigid::new(pose.rotation(), ahead), &self.joints)
+            .unwrap();
+        std::array::from_fn(|i| ahead[i] + self.encoder_error[i])
+    }
+
     fn state(&self) -> State {
         State {
             timestamp_s: self.time_s,
-            actual_q: std::array::from_fn(|i| self.joints[i] + self.encoder_error[i]),
+            actual_q: self.measured(),
             target_q: self.joints,
-            actual_qd: self.speeds,
+            actual_qd: std::array::from_fn(|i| self.speeds[i] + self.speed_error[i]),
             actual_tcp_pose: [0.0; 6],
-            robot_mode: RobotMode::Running,
+            robot_mode: self.robot_mode,
             safety_mode: self.safety_mode,
             runtime_state: RuntimeState::Playing,
             speed_scaling: self.scaling,

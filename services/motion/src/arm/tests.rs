@@ -1,3 +1,6 @@
+mod supervisor;
+mod two_arms;
+
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -7,6 +10,7 @@ use ur_link::{Command, ProgramState};
 
 use super::fake::{FakeRobot, PERIOD_S};
 use super::*;
+use crate::bodies::{ArmShape, Links, ToolShape};
 use crate::rcm::shaft;
 
 const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
@@ -30,18 +34,37 @@ fn tool_arm() -> ToolArm {
     ))
 }
 
+fn apart() -> Berth {
+    Berth::apart(ArmShape::new(&tool_arm(), Links::UR5, ToolShape::default()))
+}
+
 impl Cell {
     /// The tip 80 mm in front of a portal on the shaft's axis.
     async fn new() -> Self {
+        Self::limited(Limits::default()).await
+    }
+
+    async fn limited(limits: Limits) -> Self {
         let pose = tool_arm().base_from_tool(&START);
         let portal = pose.origin() + shaft(&pose) * 80.0;
-        let mut cell = Self::with(FakeRobot::new(tool_arm(), START), Some(portal), portal);
+        let robot = FakeRobot::new(tool_arm(), START);
+        let mut cell = Self::in_berth(robot, Some(portal), portal, limits, apart());
         cell.connected().await;
         cell.token = cell.acquire();
         cell
     }
 
     fn with(robot: FakeRobot, set: Option<Point3>, portal: Point3) -> Self {
+        Self::in_berth(robot, set, portal, Limits::default(), apart())
+    }
+
+    fn in_berth(
+        robot: FakeRobot,
+        set: Option<Point3>,
+        portal: Point3,
+        limits: Limits,
+        berth: Berth,
+    ) -> Self {
         let host_ms = Arc::new(AtomicU64::new(0));
         let clock = host_ms.clone();
         let commander = Commander::new(
@@ -52,7 +75,8 @@ impl Cell {
             name: "forceps",
             address: "fake:30004".to_owned(),
             arm: tool_arm(),
-            limits: Limits::default(),
+            limits,
+            berth,
             portal: set,
             period_s: PERIOD_S,
             reconnect: Duration::from_millis(1),
@@ -526,7 +550,7 @@ async fn a_breach_stops_the_arm_and_is_latched_until_recovered() {
     cell.recover().await.unwrap();
     assert_eq!(cell.state().await.fault, None);
     // The shaft stays where it is: only drawing back is open, along its own line.
-    assert_eq!(cell.refusal(insert(60.0)).await, "SHAFT_OFF_PORTAL");
+    assert_eq!(cell.refusal(insert(60.0)).await, "RETRACT_ONLY");
     let progress = cell.carry_out(retract(-5.0)).await.unwrap();
     assert_eq!(
         progress.operation.state,
