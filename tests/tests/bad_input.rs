@@ -260,6 +260,7 @@ async fn a_rotation_that_is_none_and_a_target_out_of_reach_are_refused_before_an
             y_mm: 0.0,
             z_mm: 265.0,
         }),
+        ..motion::CheckMotionRequest::default()
     };
     let checks = arms
         .check_motion(request)

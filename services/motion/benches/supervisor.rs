@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Rigid, Rotation, Vector3};
-use arthro_motion::bodies::{ArmShape, Links, ToolShape};
+use arthro_motion::bodies::{ArmShape, ToolShape};
 use arthro_motion::cell::Berth;
 use arthro_motion::clearance::{Clearance, Keep, Side};
 use arthro_motion::kinematics::{Joints, ToolArm};
@@ -13,7 +13,7 @@ use arthro_motion::limits::Limits;
 use arthro_motion::plan::Plan;
 use arthro_motion::rcm::shaft;
 use arthro_motion::supervisor::{Measured, Regime, Supervisor};
-use arthro_motion::way::Walker;
+use arthro_motion::sweep::Walker;
 use arthro_motion::workspace::{Part, Plane};
 use criterion::{Criterion, criterion_group, criterion_main};
 use ur_link::{RobotMode, SafetyMode};
@@ -24,15 +24,18 @@ const JOINTS: [Joints; 2] = [
 ];
 
 fn arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        arthro_motion::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 fn clearance() -> Clearance {
     let arm = arm();
-    let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+    let shape = ArmShape::new(&arm, ToolShape::default());
     let base = Rigid::new(
         Rotation::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2),
         Vector3::new(350.0, 750.0, 0.0),
@@ -113,11 +116,11 @@ fn ways(criterion: &mut Criterion) {
     });
     criterion.bench_function("way/past a standing arm", |bench| {
         bench.iter(|| {
-            let way = walker.way(&plan, black_box(&JOINTS[0])).unwrap();
+            let way = walker.sweep(&plan, black_box(&JOINTS[0])).unwrap();
             way.keeps_clear_of(&other, &keep).unwrap();
         });
     });
-    let way = walker.way(&plan, &JOINTS[0]).unwrap();
+    let way = walker.sweep(&plan, &JOINTS[0]).unwrap();
     let mut their_end = JOINTS[1];
     their_end[0] += 0.3;
     let their_plan = Plan::Joints {
@@ -128,14 +131,14 @@ fn ways(criterion: &mut Criterion) {
         berth: &their_berth,
         ..walker
     };
-    let theirs = their_walker.way(&their_plan, &JOINTS[1]).unwrap();
+    let theirs = their_walker.sweep(&their_plan, &JOINTS[1]).unwrap();
     // So little is asked for that every pair of places is looked at.
     let keep = Keep {
         shafts_mm: -1000.0,
         others_mm: -1000.0,
     };
     criterion.bench_function("way/past the way of another arm", |bench| {
-        bench.iter(|| way.keeps_clear_of_way(black_box(&theirs), &keep).unwrap());
+        bench.iter(|| way.keeps_clear_of_sweep(black_box(&theirs), &keep).unwrap());
     });
 }
 

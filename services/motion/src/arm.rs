@@ -15,8 +15,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use arthro_authority::Operation;
+use arthro_geometry::Rigid;
 use arthro_geometry::frame::{Base, Tool};
-use arthro_geometry::{Point3, Rigid};
 use tokio::sync::{mpsc, oneshot, watch};
 use ur_link::{RobotLink, RobotMode, SafetyMode};
 
@@ -27,7 +27,7 @@ use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm};
 use crate::limits::Limits;
 use crate::plan::Move;
-use crate::rcm::Placement;
+use crate::rcm::{Placement, Portal};
 
 /// Requests that may wait for the next controller cycle.
 const WAITING_REQUESTS: usize = 16;
@@ -46,7 +46,7 @@ pub struct ArmOptions {
     /// Where it stands in the cell.
     pub berth: Berth,
     /// The portal, if it is known from the start.
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     /// The controller's period, s.
     pub period_s: f64,
     /// Wall time between two attempts to connect.
@@ -80,7 +80,7 @@ pub struct Published {
     /// The arm; none before the first link.
     pub state: Option<ArmState>,
     /// The portal in force.
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     /// The number of the last stop order that was carried out.
     stops_served: u64,
 }
@@ -153,7 +153,7 @@ enum Request {
     },
     SetPortal {
         by: Authorization,
-        portal: Point3,
+        portal: Portal,
         reply: DoneReply,
     },
     RecoverFault {
@@ -232,11 +232,12 @@ impl ArmHandle {
         &self,
         by: Authorization,
         command: &[u8],
-        portal: Point3,
+        portal: impl Into<Portal>,
     ) -> Result<(), Error> {
         match self.commander.begin(&by, command)? {
             Begun::Repeated(operation, _) => answered_before(operation),
             Begun::New => {
+                let portal = portal.into();
                 self.ask(|reply| Request::SetPortal { by, portal, reply })
                     .await?
             }

@@ -12,7 +12,7 @@ use crate::bodies::{ArmShape, Bodies};
 use crate::clearance::{Clearance, Keep, Side};
 use crate::error::Error;
 use crate::kinematics::Joints;
-use crate::way::Way;
+use crate::sweep::Sweep;
 
 /// How often a way is looked at again because the other arm began or ended a move meanwhile.
 const ATTEMPTS: usize = 4;
@@ -44,7 +44,7 @@ enum Neighbour {
 struct Record {
     present: Option<Present>,
     /// The way of the move under way.
-    way: Option<Arc<Way>>,
+    way: Option<Arc<Sweep>>,
     /// How many moves began or ended.
     changes: u64,
 }
@@ -144,9 +144,19 @@ impl Berth {
         }
     }
 
+    /// Refused where a sweep comes too near to the other arm as it stands now.
+    pub fn keeps_clear(&self, sweep: &Sweep, keep: &Keep) -> Result<(), Error> {
+        match self.other() {
+            Other::Apart => Ok(()),
+            Other::Unstated => Err(Error::LayoutUnknown),
+            Other::Unknown => Err(Error::OtherArmUnknown),
+            Other::Here(present) => sweep.keeps_clear_of(&present.bodies, keep),
+        }
+    }
+
     /// Takes the way of a move, unless the other arm is too near to it or is itself on a way too near.
     /// From then on the other arm's moves keep clear of it, until [`Berth::clear`].
-    pub fn take(&self, way: Way, keep: &Keep) -> Result<(), Error> {
+    pub fn take(&self, way: Sweep, keep: &Keep) -> Result<(), Error> {
         let Neighbour::Beside { side, record, .. } = &self.neighbour else {
             return match self.neighbour {
                 Neighbour::Unstated => Err(Error::LayoutUnknown),
@@ -158,7 +168,7 @@ impl Berth {
             let other = lock(record)[side.other() as usize].clone();
             let present = other.present.ok_or(Error::OtherArmUnknown)?;
             match &other.way {
-                Some(theirs) => way.keeps_clear_of_way(theirs, keep)?,
+                Some(theirs) => way.keeps_clear_of_sweep(theirs, keep)?,
                 None => way.keeps_clear_of(&present.bodies, keep)?,
             }
             // The search takes ms and must not hold up the other arm's cycle.
@@ -174,7 +184,7 @@ impl Berth {
     }
 
     /// Takes the way whatever is near: drawing back along the shaft must always be open.
-    pub fn take_way_out(&self, way: Way) {
+    pub fn take_way_out(&self, way: Sweep) {
         if let Some((mut records, side)) = self.records() {
             let own = &mut records[side as usize];
             own.way = Some(Arc::new(way));

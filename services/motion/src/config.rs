@@ -1,19 +1,23 @@
 //! The section `[motion]` of the configuration: two arms, where they are, what they carry, what they may.
 
-use std::f64::consts::FRAC_1_SQRT_2;
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use std::time::Duration;
 
-use arthro_geometry::nalgebra::{Quaternion, UnitQuaternion};
+use arthro_geometry::nalgebra::{Quaternion, Unit, UnitQuaternion};
 use arthro_geometry::{Point3, Rigid, Vector3};
 use serde::{Deserialize, Serialize};
 use ur_link::{Endpoint, Options};
 
 use crate::arm::ArmOptions;
-use crate::bodies::{ArmShape, Links, ToolShape};
+use crate::bodies::{ArmShape, ToolShape};
 use crate::cell::Berth;
-use crate::kinematics::{Joints, ToolArm, ur5};
+use crate::kinematics::dh::Dh;
+use crate::kinematics::joint_limits::JointLimits;
+use crate::kinematics::model::{Make, Model};
+use crate::kinematics::{Joints, ToolArm};
 use crate::layout::Layout;
 use crate::limits::Limits;
+use crate::rcm::Portal;
 
 /// States a second of a CB3 controller.
 const FREQUENCY_HZ: f64 = 125.0;
@@ -54,6 +58,14 @@ pub struct ArmConfig {
     pub script_port: u16,
     /// Wall time between two attempts to connect, s.
     pub reconnect_s: f64,
+    /// Which arm it is.
+    pub model: Make,
+    /// The Denavit-Hartenberg table of this one arm, as its KINEMATICS_INFO has it; else the drawing's.
+    pub calibration: Option<Dh>,
+    /// The same as differences from the drawing, as the controller's calibration.conf has it.
+    pub calibration_deltas: Option<Dh>,
+    /// Least and largest angle of each joint, rad.
+    pub joint_limits_rad: [[f64; 2]; 6],
     /// How the tool is mounted.
     pub flange_from_tool: ToolMount,
     /// How thick the tool is: what keeps its distance to the other arm and the planes.
@@ -62,6 +74,8 @@ pub struct ArmConfig {
     pub payload_kg: f64,
     /// The portal in the arm's base, mm, if it is known from the start; else SetPortal states it.
     pub portal_mm: Option<[f64; 3]>,
+    /// Into the joint, in the arm's base: the axis of the cone about `portal_mm`. Need not be a unit vector.
+    pub portal_axis: Option<[f64; 3]>,
     /// Where the arm waits between bites, rad: gives the branch and the roll of the dry run.
     pub neutral_joints_rad: Joints,
     /// What it may do.
@@ -101,14 +115,23 @@ impl Default for ArmConfig {
             rtde_port: endpoint.rtde_port,
             script_port: endpoint.script_port,
             reconnect_s: 1.0,
+            model: Make::Ur5,
+            calibration: None,
+            calibration_deltas: None,
+            joint_limits_rad: travel(&JointLimits::default()),
             flange_from_tool: ToolMount::default(),
             tool_shape: ToolShape::default(),
             payload_kg: 1.0,
             portal_mm: None,
+            portal_axis: None,
             neutral_joints_rad: [0.479, -1.185, -2.041, 3.004, -1.102, -1.469],
             limits: Limits::default(),
         }
     }
+}
+
+fn travel(limits: &JointLimits) -> [[f64; 2]; 6] {
+    std::array::from_fn(|i| [limits.min_rad[i], limits.max_rad[i]])
 }
 
 /// 310 mm of shaft along the flange's z.
@@ -194,42 +217,89 @@ impl ArmConfig {
             let fault = format!("is {} mm away; limit 2000 mm", translation.norm());
             return Err(wrong("flange_from_tool.translation_mm", fault));
         }
+        let model = self.check_model(&wrong)?;
         let finite = self
             .neutral_joints_rad
             .iter()
             .all(|joint| joint.is_finite());
-        if !finite || ur5::limit_margin_rad(&self.neutral_joints_rad) < 0.0 {
+        if !finite || model.limit_margin_rad(&self.neutral_joints_rad) < 0.0 {
             return Err(wrong(
                 "neutral_joints_rad",
                 "is beyond the joint limits".to_owned(),
             ));
         }
-        if !self
-            .portal_mm
-            .iter()
-            .flatten()
-            .all(|value| value.is_finite())
-        {
-            return Err(wrong("portal_mm", "is not finite".to_owned()));
-        }
+        let portal = self
+            .portal()
+            .map_err(|(field, fault)| wrong(field, fault))?;
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         let flange_from_tool = Rigid::new(rotation, translation);
-        let shape = ArmShape::new(&ToolArm::new(flange_from_tool), Links::UR5, self.tool_shape);
+        let arm = ToolArm::new(model, flange_from_tool);
+        let shape = ArmShape::new(&arm, self.tool_shape);
         Ok(ArmSetup {
             shape,
             options: ArmOptions {
                 name,
                 address: format!("{}:{}", self.host, self.rtde_port),
-                arm: ToolArm::new(flange_from_tool),
+                arm,
                 limits: self.limits.clone(),
                 berth: Berth::apart(shape),
-                portal: self.portal_mm.map(Point3::from),
+                portal,
                 period_s: 1.0 / FREQUENCY_HZ,
                 reconnect: Duration::from_secs_f64(self.reconnect_s),
             },
             link: self.link(&translation, &rotation.scaled_axis()),
             neutral_joints_rad: self.neutral_joints_rad,
         })
+    }
+
+    fn portal(&self) -> Result<Option<Portal>, (&'static str, String)> {
+        let axis = match self.portal_axis.map(Vector3::from) {
+            None => None,
+            Some(axis) => Some(Unit::try_new(axis, 1e-9).filter(finite).ok_or_else(|| {
+                let fault = "must be finite and longer than nothing".to_owned();
+                ("portal_axis", fault)
+            })?),
+        };
+        let Some(point) = self.portal_mm else {
+            return Ok(None);
+        };
+        if !point.iter().all(|value| value.is_finite()) {
+            return Err(("portal_mm", "is not finite".to_owned()));
+        }
+        let portal = Portal::new(Point3::from(point), axis);
+        portal
+            .map(Some)
+            .map_err(|error| ("portal_mm", format!("is refused: {error}")))
+    }
+
+    /// The arm by its drawing, or by its calibration if that is one of this arm.
+    fn check_model(
+        &self,
+        wrong: &impl Fn(&str, String) -> ConfigError,
+    ) -> Result<Model, ConfigError> {
+        for (joint, [min, max]) in self.joint_limits_rad.iter().enumerate() {
+            let sound = (-TAU..TAU).contains(min) && (*min..=TAU).contains(max) && min < max;
+            if !sound {
+                let fault = format!("is {min} .. {max}; must rise within {} .. {TAU}", -TAU);
+                return Err(wrong(&format!("joint_limits_rad[{}]", joint + 1), fault));
+            }
+        }
+        let model = Model::from(self.model).with_limits(JointLimits {
+            min_rad: self.joint_limits_rad.map(|[min, _]| min),
+            max_rad: self.joint_limits_rad.map(|[_, max]| max),
+        });
+        let (field, dh) = match (&self.calibration, &self.calibration_deltas) {
+            (None, None) => return Ok(model),
+            (Some(dh), None) => ("calibration", *dh),
+            (None, Some(deltas)) => ("calibration_deltas", model.dh().plus(deltas)),
+            (Some(_), Some(_)) => {
+                let fault = "is given beside calibration; must be one of them".to_owned();
+                return Err(wrong("calibration_deltas", fault));
+            }
+        };
+        model
+            .calibrated(&dh)
+            .map_err(|error| wrong(field, error.to_string()))
     }
 
     fn link(&self, tip_mm: &Vector3, rotation: &Vector3) -> Options {
@@ -248,6 +318,10 @@ impl ArmConfig {
             })
         }
     }
+}
+
+fn finite(direction: &Unit<Vector3>) -> bool {
+    direction.iter().all(|value| value.is_finite())
 }
 
 #[cfg(test)]
@@ -289,5 +363,53 @@ mod tests {
             refusal(|config| config.tool_shape.shaft_radius_mm = 0.0)
                 .contains("tool_shape.shaft_radius_mm is 0; must be within 0.1 .. 500")
         );
+        assert!(
+            refusal(|config| config.portal_mm = Some([90.0, 90.0, 300.0]))
+                .contains("portal_mm is refused: the portal is 127.3 mm from the axis")
+        );
+        assert!(refusal(|config| config.portal_axis = Some([0.0; 3])).contains("portal_axis"));
+        assert!(
+            refusal(|config| config.joint_limits_rad[3] = [1.0, f64::NAN])
+                .contains("joint_limits_rad[4] is 1 .. NaN")
+        );
+    }
+
+    #[test]
+    fn a_calibration_is_taken_in_or_refused() {
+        let mut config = ArmConfig {
+            model: Make::Ur5e,
+            ..ArmConfig::default()
+        };
+        let drawn = Dh::nominal(&Make::Ur5e.links());
+        let mut deltas = drawn.plus(&drawn);
+        for column in [
+            &mut deltas.theta_rad,
+            &mut deltas.a_mm,
+            &mut deltas.d_mm,
+            &mut deltas.alpha_rad,
+        ] {
+            *column = [1e-3; 6];
+        }
+        config.calibration_deltas = Some(deltas);
+        let setup = config.check("forceps").unwrap();
+        assert_eq!(setup.options.arm.model().dh(), drawn.plus(&deltas));
+        config.calibration = Some(drawn);
+        let refusal = config.check("forceps").unwrap_err().to_string();
+        assert!(
+            refusal.contains("calibration_deltas is given beside"),
+            "{refusal}"
+        );
+        config.calibration_deltas = None;
+        // Metres where millimetres are due, and the table of the other make.
+        let metres = Dh {
+            a_mm: drawn.a_mm.map(|a| a * 1e-3),
+            d_mm: drawn.d_mm.map(|d| d * 1e-3),
+            ..drawn
+        };
+        for wrong in [metres, Dh::nominal(&Make::Ur5.links())] {
+            config.calibration = Some(wrong);
+            let refusal = config.check("forceps").unwrap_err().to_string();
+            assert!(refusal.contains("calibration puts the flange"), "{refusal}");
+        }
     }
 }

@@ -202,6 +202,43 @@ pub enum Error {
         /// Measured depth.
         depth_mm: f64,
     },
+    /// A portal where the arm itself is.
+    #[error(
+        "the portal is {radius_mm:.1} mm from the axis of the base; must be at least {limit_mm} mm"
+    )]
+    PortalInBase {
+        /// Distance to the axis.
+        radius_mm: f64,
+        /// Least distance.
+        limit_mm: f64,
+    },
+    /// A shaft that would lean too far from the portal's axis.
+    #[error(
+        "the shaft would lean {lean_rad:.3} rad from the portal's axis; limit {limit_rad:.3} rad"
+    )]
+    Cone {
+        /// Angle to the axis.
+        lean_rad: f64,
+        /// `cone_max_rad`.
+        limit_rad: f64,
+    },
+    /// A planned joint is too fast near a singularity.
+    #[error("a joint would move at {speed_rad_s:.3} rad/s; limit {limit_rad_s} rad/s")]
+    JointSpeed {
+        /// Planned speed.
+        speed_rad_s: f64,
+        /// `joint_speed_rad_s`.
+        limit_rad_s: f64,
+    },
+    /// No time law keeps the limits.
+    #[error("the path cannot be timed: {detail}")]
+    NoTiming {
+        /// Why.
+        detail: String,
+    },
+    /// Poses that teach nothing sure.
+    #[error(transparent)]
+    Teaching(#[from] crate::teach::Refusal),
     /// The owner of the arm has ended.
     #[error("the service is shutting down")]
     Gone,
@@ -242,6 +279,11 @@ impl Error {
             Self::OtherArmUnknown => "OTHER_ARM_UNKNOWN",
             Self::LayoutUnknown => "LAYOUT_UNKNOWN",
             Self::RetractOnly { .. } => "RETRACT_ONLY",
+            Self::Teaching(refusal) => refusal.reason(),
+            Self::PortalInBase { .. } => "PORTAL_IN_BASE",
+            Self::Cone { .. } => "CONE",
+            Self::JointSpeed { .. } => "JOINT_SPEED",
+            Self::NoTiming { .. } => "NO_TIMING",
             Self::Gone => "SHUTTING_DOWN",
         }
     }
@@ -340,6 +382,28 @@ impl Error {
             Self::RetractOnly { fault, depth_mm } => vec![
                 ("fault_reason", (*fault).to_owned()),
                 ("depth_mm", depth_mm.to_string()),
+            ],
+            Self::Teaching(refusal) => refusal.metadata(),
+            Self::PortalInBase {
+                radius_mm,
+                limit_mm,
+            } => vec![
+                ("radius_mm", radius_mm.to_string()),
+                ("limit_mm", limit_mm.to_string()),
+            ],
+            Self::Cone {
+                lean_rad,
+                limit_rad,
+            } => vec![
+                ("lean_rad", lean_rad.to_string()),
+                ("limit_rad", limit_rad.to_string()),
+            ],
+            Self::JointSpeed {
+                speed_rad_s,
+                limit_rad_s,
+            } => vec![
+                ("speed_rad_s", speed_rad_s.to_string()),
+                ("limit_rad_s", limit_rad_s.to_string()),
             ],
             _ => Vec::new(),
         }

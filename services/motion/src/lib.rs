@@ -1,8 +1,9 @@
 //! Moves the two UR5 arms of a cell: free moves outside, and pivots, insertions and retractions whose
 //! shaft stays on the portal.
 //!
-//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`plan`], [`way`], [`clearance`], [`check`] and
-//! [`supervisor`] decide, without I/O; [`cell`] is where the two owners see each other; [`arm`] is the task that owns an arm and acts; [`command`] keeps the lease and the
+//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`plan`], [`sweep`], [`clearance`], [`check`] and
+//! [`supervisor`] decide, without I/O; [`teach`] finds portals and shafts from poses; [`cell`] is where the two
+//! owners see each other; [`arm`] is the task that owns an arm and acts; [`command`] keeps the lease and the
 //! remembered operations; [`server`] is the API.
 
 pub mod arm;
@@ -21,15 +22,17 @@ pub mod plan;
 pub mod rcm;
 pub mod server;
 pub mod supervisor;
+pub mod sweep;
+pub mod teach;
 pub mod time_law;
 pub mod trajectory;
-pub mod way;
 pub mod workspace;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
+use arthro_proto::motion::v1::teaching_service_server::TeachingServiceServer;
 use tonic::service::Routes;
 
 use self::command::Commander;
@@ -64,7 +67,8 @@ impl Service for Server {
             drain.started().await;
             stopped.stop_all("the service is shutting down").await;
         });
-        Ok(Routes::new(MotionServiceServer::new(motion)))
+        Ok(Routes::new(MotionServiceServer::new(motion.clone()))
+            .add_service(TeachingServiceServer::new(motion)))
     }
 }
 

@@ -24,14 +24,20 @@ pub struct Limits {
     pub inside_acceleration_mm_s2: f64,
     /// Measured speed of the tip while inside, whatever moves it: the supervisor stops beyond it, mm/s.
     pub tip_speed_inside_stop_mm_s: f64,
+    /// Jerk of the tip along the shaft, mm/s3.
+    pub inside_jerk_mm_s3: f64,
     /// Turning about the portal, rad/s.
     pub pivot_speed_rad_s: f64,
     /// Acceleration of the turning, rad/s2.
     pub pivot_acceleration_rad_s2: f64,
+    /// Jerk of the turning, rad/s3.
+    pub pivot_jerk_rad_s3: f64,
     /// Speed of any joint, rad/s. The supervisor stops at 1.2 times as much.
     pub joint_speed_rad_s: f64,
     /// Acceleration of any joint, rad/s2.
     pub joint_acceleration_rad_s2: f64,
+    /// Jerk of any joint, rad/s3.
+    pub joint_jerk_rad_s3: f64,
     /// Deepest tip beyond the portal, mm.
     pub depth_max_mm: f64,
     /// Controller time without a new state after which a moving arm is stopped, s.
@@ -57,10 +63,13 @@ impl Default for Limits {
             inside_speed_mm_s: 20.0,
             inside_acceleration_mm_s2: 60.0,
             tip_speed_inside_stop_mm_s: 40.0,
+            inside_jerk_mm_s3: 600.0,
             pivot_speed_rad_s: 0.25,
             pivot_acceleration_rad_s2: 0.75,
+            pivot_jerk_rad_s3: 7.5,
             joint_speed_rad_s: 1.0,
             joint_acceleration_rad_s2: 3.0,
+            joint_jerk_rad_s3: 30.0,
             depth_max_mm: 80.0,
             stale_s: 0.1,
             shafts_distance_min_mm: 1.0,
@@ -73,7 +82,7 @@ impl Default for Limits {
 
 impl Limits {
     /// The limits that are numbers by name, for checks of a configuration.
-    pub fn named(&self) -> [(&'static str, f64); 17] {
+    pub fn named(&self) -> [(&'static str, f64); 20] {
         [
             ("rcm_stop_mm", self.rcm_stop_mm),
             ("rcm_warn_mm", self.rcm_warn_mm),
@@ -86,10 +95,13 @@ impl Limits {
                 "tip_speed_inside_stop_mm_s",
                 self.tip_speed_inside_stop_mm_s,
             ),
+            ("inside_jerk_mm_s3", self.inside_jerk_mm_s3),
             ("pivot_speed_rad_s", self.pivot_speed_rad_s),
             ("pivot_acceleration_rad_s2", self.pivot_acceleration_rad_s2),
+            ("pivot_jerk_rad_s3", self.pivot_jerk_rad_s3),
             ("joint_speed_rad_s", self.joint_speed_rad_s),
             ("joint_acceleration_rad_s2", self.joint_acceleration_rad_s2),
+            ("joint_jerk_rad_s3", self.joint_jerk_rad_s3),
             ("depth_max_mm", self.depth_max_mm),
             ("stale_s", self.stale_s),
             ("shafts_distance_min_mm", self.shafts_distance_min_mm),

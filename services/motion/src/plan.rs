@@ -1,14 +1,17 @@
 //! What a move turns into, checked along its whole way before anything moves.
 
+pub mod inside;
+
 use arthro_geometry::frame::{Base, Tool};
-use arthro_geometry::{Point3, Rigid};
+use arthro_geometry::nalgebra::Unit;
+use arthro_geometry::{Point3, Rigid, Vector3};
 
 use crate::error::Error;
-use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference, ur5};
+use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
-use crate::rcm::{Placement, RcmPath, Regain};
+use crate::rcm::{Placement, Portal};
 use crate::supervisor::{Observation, Regime};
-use crate::trajectory::{Speeds, Trajectory, jump};
+use crate::trajectory::{Trajectory, jump};
 
 /// Steps of the check of a move outside: no longer than these, mm and rad.
 const STEP_MM: f64 = 5.0;
@@ -24,8 +27,6 @@ const LINE_JOINT_SHARE: f64 = 0.85;
 const LINE_SPEED_MIN_MM_S: f64 = 1.0;
 /// A wider turn is so near to half a turn that the controller might take the other way round, rad.
 const TURN_MAX_RAD: f64 = std::f64::consts::PI - 0.01;
-/// A tip less than this deeper or shallower than asked for is there, mm.
-const DEPTH_NEAR_MM: f64 = 0.05;
 
 /// A move as asked for. A speed of `None` means the limit.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,6 +59,19 @@ pub enum Move {
         /// Tip speed, mm/s.
         speed_mm_s: Option<f64>,
     },
+    /// Turns, rolls and inserts at once, on the portal.
+    Rcm {
+        /// Where the shaft shall point; `None`: as it does.
+        aim: Option<Aim>,
+        /// Depth at the end, mm.
+        depth_mm: f64,
+        /// About the shaft at the end, from the portal's reference, rad; `None`: as it is.
+        roll_rad: Option<f64>,
+        /// Tip speed, mm/s.
+        speed_mm_s: Option<f64>,
+        /// Turning speed, rad/s.
+        speed_rad_s: Option<f64>,
+    },
     /// All joints in common time, outside.
     Joints {
         /// At the end, rad.
@@ -65,6 +79,15 @@ pub enum Move {
         /// Speed of the leading joint, rad/s.
         speed_rad_s: Option<f64>,
     },
+}
+
+/// Where a shaft shall point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Aim {
+    /// Towards this point, in base.
+    Point(Point3),
+    /// In base, out of the tip.
+    Direction(Unit<Vector3>),
 }
 
 /// A move that may begin.
@@ -103,7 +126,7 @@ pub struct Situation<'a> {
     /// The controller's period, s.
     pub period_s: f64,
     /// The portal, if set.
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     /// The joints last commanded: a stream continues from them without a step.
     pub joints_rad: &'a Joints,
     /// What was measured last.
@@ -131,6 +154,16 @@ impl Situation<'_> {
                 depth_mm,
                 speed_mm_s,
             } => self.plan_retract(*depth_mm, *speed_mm_s),
+            Move::Rcm {
+                aim,
+                depth_mm,
+                roll_rad,
+                speed_mm_s,
+                speed_rad_s,
+            } => {
+                let speeds = self.speeds(*speed_mm_s, *speed_rad_s);
+                self.plan_rcm(*aim, *depth_mm, *roll_rad, speeds)
+            }
         }
     }
 
@@ -181,7 +214,7 @@ impl Situation<'_> {
 
     fn plan_joints(&self, end: &Joints, speed_rad_s: Option<f64>) -> Result<Plan, Error> {
         self.must_be_outside()?;
-        if ur5::limit_margin_rad(end) < 0.0 {
+        if self.arm.limit_margin_rad(end) < 0.0 {
             return Err(Error::JointLimit { percent: 100.0 });
         }
         let (_, turn_rad) = largest_difference(end, self.joints_rad);
@@ -198,96 +231,6 @@ impl Situation<'_> {
         })
     }
 
-    fn plan_pivot(&self, aim: Point3, speed_rad_s: Option<f64>) -> Result<Plan, Error> {
-        let (portal, _) = self.must_pass_portal()?;
-        let path = RcmPath::pivot(&self.arm.base_from_tool(self.joints_rad), portal, aim)
-            .ok_or_else(|| Error::invalid("pivot.aim", "is the portal; must be another point"))?;
-        self.stream(path, None, speed_rad_s, Regime::Inward)
-    }
-
-    fn plan_insert(&self, depth_mm: f64, speed_mm_s: Option<f64>) -> Result<Plan, Error> {
-        let (portal, placement) = self.must_pass_portal()?;
-        if depth_mm > self.limits.depth_max_mm {
-            return Err(Error::TooDeep {
-                depth_mm,
-                limit_mm: self.limits.depth_max_mm,
-            });
-        }
-        if depth_mm < placement.depth_mm - DEPTH_NEAR_MM {
-            return Err(Error::Direction {
-                from_mm: placement.depth_mm,
-                to_mm: depth_mm,
-                must: "an insertion must not go back",
-            });
-        }
-        let start = self.arm.base_from_tool(self.joints_rad);
-        let path = RcmPath::along(&start, portal, depth_mm, Regain::Portal);
-        self.stream(path, speed_mm_s, None, Regime::Inward)
-    }
-
-    /// The way out must be open also to a shaft that is off the portal: it keeps to its own line.
-    fn plan_retract(&self, depth_mm: f64, speed_mm_s: Option<f64>) -> Result<Plan, Error> {
-        let (portal, placement) = self.placement()?;
-        if depth_mm > placement.depth_mm + DEPTH_NEAR_MM {
-            return Err(Error::Direction {
-                from_mm: placement.depth_mm,
-                to_mm: depth_mm,
-                must: "a retraction must not go deeper",
-            });
-        }
-        let regain = if placement.deviation_mm() <= self.limits.rcm_stop_mm {
-            Regain::Portal
-        } else {
-            Regain::Nothing
-        };
-        let start = self.arm.base_from_tool(self.joints_rad);
-        let path = RcmPath::along(&start, portal, depth_mm, regain);
-        self.stream(path, speed_mm_s, None, Regime::Outward)
-    }
-
-    fn stream(
-        &self,
-        path: RcmPath,
-        speed_mm_s: Option<f64>,
-        speed_rad_s: Option<f64>,
-        regime: Regime,
-    ) -> Result<Plan, Error> {
-        let speeds = Speeds {
-            tip_mm_s: speed_mm_s.unwrap_or(self.limits.inside_speed_mm_s),
-            turn_rad_s: speed_rad_s.unwrap_or(self.limits.pivot_speed_rad_s),
-        };
-        let trajectory = Trajectory::plan(
-            *self.arm,
-            path,
-            self.joints_rad,
-            self.limits,
-            speeds,
-            self.period_s,
-        )?;
-        Ok(Plan::Stream {
-            trajectory: Box::new(trajectory),
-            regime,
-        })
-    }
-
-    fn placement(&self) -> Result<(Point3, Placement), Error> {
-        self.portal
-            .zip(self.seen.placement)
-            .ok_or(Error::PortalNotSet)
-    }
-
-    fn must_pass_portal(&self) -> Result<(Point3, Placement), Error> {
-        let (portal, placement) = self.placement()?;
-        let deviation_mm = placement.deviation_mm();
-        if deviation_mm > self.limits.rcm_stop_mm {
-            return Err(Error::ShaftOffPortal {
-                deviation_mm,
-                limit_mm: self.limits.rcm_stop_mm,
-            });
-        }
-        Ok((portal, placement))
-    }
-
     fn must_be_outside(&self) -> Result<(), Error> {
         match self.seen.placement {
             Some(placement) if self.seen.inside => Err(Error::ToolInside {
@@ -298,7 +241,7 @@ impl Situation<'_> {
     }
 
     fn must_stay_outside(&self, pose: &Rigid<Base, Tool>) -> Result<(), Error> {
-        match self.portal.map(|portal| Placement::of(pose, &portal)) {
+        match self.portal.map(|portal| Placement::of(pose, &portal.point)) {
             Some(placement) if placement.is_inside() => Err(Error::WayLeadsInside {
                 depth_mm: placement.depth_mm,
             }),

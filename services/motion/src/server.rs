@@ -1,6 +1,8 @@
 //! The API: requests are checked and handed to the owners of the arms; moves are watched and told.
 
+mod check;
 mod fields;
+mod teach;
 mod watch_state;
 
 use std::sync::Arc;
@@ -16,10 +18,10 @@ use tonic::{Request, Response, Status};
 
 use self::fields::Fields;
 use crate::arm::{Accepted, ArmHandle};
-use crate::check::DryRun;
 use crate::command::{Commander, Progress};
 use crate::error::Error;
 use crate::kinematics::Joints;
+use crate::rcm::Portal;
 
 /// Time to live of a lease when none is given, s.
 const DEFAULT_TTL_S: f64 = 2.0;
@@ -27,8 +29,6 @@ const DEFAULT_TTL_S: f64 = 2.0;
 const PROGRESS_PERIOD_S: f64 = 0.1;
 /// Messages that wait for a slow reader.
 const STREAM_QUEUE: usize = 4;
-/// Most targets of one dry run.
-const TARGETS_MAX: usize = 1000;
 
 /// The motion service. Clones serve the same cell.
 #[derive(Clone)]
@@ -120,8 +120,12 @@ impl Motion {
             controller: controller.borrow().clone(),
             connected: published.connected,
             flange_from_tool: Some(fields::pose(&options.arm.flange_from_tool())),
-            portal: published.portal.as_ref().map(fields::point),
+            portal: published.portal.map(|portal| fields::point(&portal.point)),
             limits: Some(fields::limits(&options.limits)),
+            portal_axis: published
+                .portal
+                .and_then(|portal| portal.axis)
+                .map(|axis| fields::direction(&axis)),
         }
     }
 }
@@ -197,15 +201,18 @@ impl MotionService for Motion {
         request: Request<proto::SetPortalRequest>,
     ) -> Result<Response<proto::SetPortalResponse>, Status> {
         let request = request.into_inner();
-        let command = format!("set portal {:?} {:?}", request.arm, request.portal);
+        let (arm, portal, axis) = (request.arm, request.portal, request.axis);
+        let command = format!("set portal {arm:?} {portal:?} {axis:?}");
         let mut found = Fields::default();
-        let (by, which, portal) = (
+        let (by, which, point) = (
             found.authorization(request.authorization),
-            found.arm(request.arm),
-            found.point("portal", request.portal),
+            found.arm(arm),
+            found.point("portal", portal),
         );
-        let whole = by.zip(which).zip(portal);
-        let ((by, which), portal) = found.finish(whole)?;
+        let axis = axis.and_then(|axis| found.direction("axis", axis));
+        let whole = by.zip(which).zip(point);
+        let ((by, which), point) = found.finish(whole)?;
+        let portal = Portal::new(point, axis)?;
         let arm = self.arm(which);
         arm.handle
             .set_portal(by, command.as_bytes(), portal)
@@ -217,41 +224,9 @@ impl MotionService for Motion {
         &self,
         request: Request<proto::CheckMotionRequest>,
     ) -> Result<Response<proto::CheckMotionResponse>, Status> {
-        let request = request.into_inner();
-        let mut found = Fields::default();
-        let which = found.arm(request.arm);
-        let count = request.targets.len();
-        if !(1..=TARGETS_MAX).contains(&count) {
-            let fault = format!("has {count} points; must have 1 .. {TARGETS_MAX}");
-            found.wrong::<()>("targets", fault);
-        }
-        let given = request
-            .portal
-            .map(|portal| found.point("portal", Some(portal)));
-        let mut targets = Vec::new();
-        for (index, target) in request.targets.iter().take(TARGETS_MAX).enumerate() {
-            targets.extend(found.point(&format!("targets[{index}]"), Some(*target)));
-        }
-        let which = found.finish(which)?;
-        let arm = self.arm(which);
-        let in_force = arm.handle.published().borrow().portal;
-        let options = arm.handle.options();
-        let dry_run = DryRun {
-            arm: options.arm,
-            limits: options.limits.clone(),
-            neutral_joints_rad: arm.neutral_joints_rad,
-            portal: given.flatten().or(in_force).ok_or(Error::PortalNotSet)?,
-            period_s: options.period_s,
-        };
-        // Some ms a target: off the threads that carry the stop.
-        let checks = tokio::task::spawn_blocking(move || {
-            targets
-                .iter()
-                .map(|target| motion_check(&dry_run, target))
-                .collect()
-        });
-        let checks = checks.await.map_err(|_| Error::Gone)?;
-        Ok(Response::new(proto::CheckMotionResponse { checks }))
+        let (which, checking) = check::read(request.into_inner())?;
+        let answer = checking.run(self.arm(which)).await?;
+        Ok(Response::new(answer))
     }
 
     async fn r#move(
@@ -307,27 +282,6 @@ impl MotionService for Motion {
         let arm = self.arm(which);
         arm.handle.recover_fault(by, command.as_bytes()).await?;
         Ok(Response::new(proto::RecoverFaultResponse {}))
-    }
-}
-
-fn motion_check(dry_run: &DryRun, target: &arthro_geometry::Point3) -> proto::MotionCheck {
-    let checked = dry_run.check(target);
-    let depth_mm = checked.depth_mm;
-    match checked.outcome {
-        Ok(margins) => proto::MotionCheck {
-            reachable: true,
-            joint_margin_rad: margins.joint_limit_rad,
-            rcm_deviation_mm: margins.rcm_between_samples_mm,
-            depth_mm,
-            ..proto::MotionCheck::default()
-        },
-        Err(error) => proto::MotionCheck {
-            reachable: false,
-            reason: error.reason().to_owned(),
-            detail: error.to_string(),
-            depth_mm,
-            ..proto::MotionCheck::default()
-        },
     }
 }
 

@@ -1,5 +1,9 @@
-//! How fast a path is run through: s over time from rest to rest, with limited speed, acceleration
-//! and jerk.
+//! How fast a path is run through: s over time, with limited speed, acceleration and jerk; the fastest
+//! such law, by Ruckig (Berscheid and Kroeger 2021) in one dimension.
+
+use rsruckig::prelude::{InputParameter, Ruckig, ThrowErrorHandler, Trajectory};
+
+use crate::error::Error;
 
 /// Limits of s, which runs from 0 to 1: per s, s2 and s3.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,130 +16,170 @@ pub struct RateLimits {
     pub jerk: f64,
 }
 
-/// The fastest s(t) from 0 to 1 within the limits whose two ramps are alike. The second half mirrors
-/// the first.
+/// The state of s at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rate {
+    /// The share of the path done, 0 .. 1.
+    pub s: f64,
+    /// Its first derivative, 1/s.
+    pub speed: f64,
+    /// Its second, 1/s2.
+    pub acceleration: f64,
+    /// Its third, 1/s3; constant within a phase.
+    pub jerk: f64,
+}
+
+/// Phases of constant jerk: up to two that brake what is too fast at the start, and seven to the end.
+const PHASES: usize = 9;
+
+/// The fastest s(t) to 1 within the limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeLaw {
-    /// Reached speed.
-    speed: f64,
-    jerk: f64,
-    /// Duration of each part of constant jerk, s.
-    jerk_s: f64,
-    /// Duration of speeding up, s.
-    ramp_s: f64,
+    phases: [Phase; PHASES],
     duration_s: f64,
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Phase {
+    /// Since the start of the law, s.
+    begins_s: f64,
+    at: Rate,
+}
+
+impl RateLimits {
+    /// The limits of the same law run through `by` times as slowly.
+    pub fn dilated(&self, by: f64) -> Self {
+        Self {
+            speed: self.speed / by,
+            acceleration: self.acceleration / by.powi(2),
+            jerk: self.jerk / by.powi(3),
+        }
+    }
+}
+
 impl TimeLaw {
-    /// All limits must be greater than zero.
-    pub fn new(limits: &RateLimits) -> Self {
+    /// From rest at 0 to rest at 1.
+    ///
+    /// # Errors
+    /// NO_TIMING unless all limits are finite and greater than zero.
+    pub fn new(limits: &RateLimits) -> Result<Self, Error> {
+        Self::from(&Rate::default(), limits)
+    }
+
+    /// From a state under way, whose jerk does not matter, to rest at 1. What is too fast is braked first.
+    ///
+    /// # Errors
+    /// NO_TIMING unless the limits are finite and greater than zero and the state finite.
+    pub fn from(start: &Rate, limits: &RateLimits) -> Result<Self, Error> {
+        let failed = |detail: String| Error::NoTiming { detail };
         let RateLimits {
             speed,
             acceleration,
             jerk,
         } = *limits;
-        let reached = speed.min(peak_speed(acceleration, jerk));
-        let jerk_s = (reached / jerk).sqrt().min(acceleration / jerk);
-        let ramp_s = jerk_s + reached / (jerk * jerk_s);
-        // The ramps cover speed * ramp_s together.
-        let cruise_s = (1.0 / reached - ramp_s).max(0.0);
-        Self {
-            speed: reached,
-            jerk,
-            jerk_s,
-            ramp_s,
-            duration_s: 2.0 * ramp_s + cruise_s,
+        for (name, limit) in [
+            ("speed", speed),
+            ("acceleration", acceleration),
+            ("jerk", jerk),
+        ] {
+            if !(f64::MIN_POSITIVE..f64::INFINITY).contains(&limit) {
+                return Err(failed(format!(
+                    "the limit of the path's {name} is {limit}; must be greater than 0"
+                )));
+            }
         }
+        // Ruckig compares with absolute tolerances: time is counted in a unit in which the jerk is 1.
+        let unit_s = jerk.cbrt().recip();
+        let mut input = InputParameter::<1>::new(None);
+        input.current_position[0] = start.s;
+        input.current_velocity[0] = start.speed * unit_s;
+        input.current_acceleration[0] = start.acceleration * unit_s.powi(2);
+        input.target_position[0] = 1.0;
+        input.max_velocity[0] = speed * unit_s;
+        input.max_acceleration[0] = acceleration * unit_s.powi(2);
+        input.max_jerk[0] = 1.0;
+        let mut found = Trajectory::<1>::new(None);
+        Ruckig::<1, ThrowErrorHandler>::new(None, unit_s)
+            .calculate(&input, &mut found)
+            .map_err(|error| failed(error.to_string()))?;
+        let profile = found
+            .get_profiles()
+            .first()
+            .map(|profiles| profiles[0])
+            .ok_or_else(|| failed("there is no profile".to_owned()))?;
+
+        let brake = profile.brake;
+        let braking = (0..2).map(|i| (brake.t[i], brake.p[i], brake.v[i], brake.a[i], brake.j[i]));
+        let going = (0..7).map(|i| {
+            let (p, v, a) = (profile.p[i], profile.v[i], profile.a[i]);
+            (profile.t[i], p, v, a, profile.j[i])
+        });
+        let mut phases = [Phase::default(); PHASES];
+        let mut begins_s = 0.0;
+        for (phase, (lasts, s, speed, acceleration, jerk)) in
+            phases.iter_mut().zip(braking.chain(going))
+        {
+            *phase = Phase {
+                begins_s,
+                at: Rate {
+                    s,
+                    speed: speed / unit_s,
+                    acceleration: acceleration / unit_s.powi(2),
+                    jerk: jerk / unit_s.powi(3),
+                },
+            };
+            begins_s += lasts * unit_s;
+        }
+        Ok(Self {
+            phases,
+            duration_s: begins_s,
+        })
     }
 
-    /// From 0 to 1, s.
+    /// To the end, s.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
-    /// s at `time_s` after the start; 0 before and 1 after the motion.
+    /// s at `time_s` after the start; the start's before, and 1 after the motion.
     pub fn at(&self, time_s: f64) -> f64 {
-        if time_s >= 0.5 * self.duration_s {
-            1.0 - self.first_half(self.duration_s - time_s)
-        } else {
-            self.first_half(time_s)
+        self.rate(time_s).s
+    }
+
+    /// The state at `time_s` after the start; at rest at 1 after the motion.
+    pub fn rate(&self, time_s: f64) -> Rate {
+        if !(..self.duration_s).contains(&time_s) {
+            return Rate {
+                s: 1.0,
+                ..Rate::default()
+            };
+        }
+        let phase = self
+            .phases
+            .iter()
+            .rev()
+            .find(|phase| phase.begins_s <= time_s)
+            .unwrap_or(&self.phases[0]);
+        let t = (time_s - phase.begins_s).max(0.0);
+        let Rate {
+            s,
+            speed,
+            acceleration,
+            jerk,
+        } = phase.at;
+        Rate {
+            s: s + t * (speed + t * (acceleration / 2.0 + t * jerk / 6.0)),
+            speed: speed + t * (acceleration + t * jerk / 2.0),
+            acceleration: acceleration + t * jerk,
+            jerk,
         }
     }
 
-    fn first_half(&self, time_s: f64) -> f64 {
-        let acceleration = self.jerk * self.jerk_s;
-        if time_s <= 0.0 {
-            0.0
-        } else if time_s < self.jerk_s {
-            self.jerk * time_s.powi(3) / 6.0
-        } else if time_s < self.ramp_s - self.jerk_s {
-            acceleration * (time_s * (time_s - self.jerk_s) / 2.0 + self.jerk_s.powi(2) / 6.0)
-        } else {
-            let to_cruise_s = (self.ramp_s - time_s).max(0.0);
-            self.speed * (time_s - 0.5 * self.ramp_s) + self.jerk * to_cruise_s.powi(3) / 6.0
-        }
-    }
-}
-
-/// The speed at which two ramps alone cover the whole way.
-fn peak_speed(acceleration: f64, jerk: f64) -> f64 {
-    // With the full acceleration reached, a ramp to v lasts v/a + a/j, and v times that is 1.
-    let rounding_s = acceleration / jerk;
-    let reached =
-        0.5 * acceleration * ((rounding_s.powi(2) + 4.0 / acceleration).sqrt() - rounding_s);
-    if reached >= acceleration * rounding_s {
-        reached
-    } else {
-        // Without it a ramp to v lasts 2 sqrt(v/j).
-        (0.25 * jerk).cbrt()
+    /// When the jerk changes, in order; some of the phases between may be empty.
+    pub fn phases_s(&self) -> impl Iterator<Item = f64> + '_ {
+        self.phases.iter().map(|phase| phase.begins_s)
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_law_goes_from_rest_to_rest_within_its_limits(
-            speed in 0.01..10.0f64, acceleration in 0.01..50.0f64, jerk in 0.05..500.0f64,
-        ) {
-            let limits = RateLimits { speed, acceleration, jerk };
-            let law = TimeLaw::new(&limits);
-            prop_assert_eq!(law.at(0.0), 0.0);
-            prop_assert_eq!(law.at(law.duration_s()), 1.0);
-            let h = law.duration_s() / 2000.0;
-            let s: Vec<f64> = (0..=2000).map(|i| law.at(i as f64 * h)).collect();
-            for w in s.windows(4) {
-                let v = (w[1] - w[0]) / h;
-                let a = (w[2] - 2.0 * w[1] + w[0]) / (h * h);
-                let j = (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]) / (h * h * h);
-                prop_assert!(v >= -1e-9);
-                prop_assert!(v <= speed * (1.0 + 1e-6));
-                prop_assert!(a.abs() <= acceleration * (1.0 + 1e-6) + 1e-7 / (h * h) * 1e-6);
-                // Third differences of doubles: rounding grows with 1/h3.
-                prop_assert!(j.abs() <= jerk * (1.0 + 1e-6) + 1e-14 / (h * h * h), "{} > {}", j, jerk);
-            }
-        }
-
-        #[test]
-        fn the_law_is_symmetric(
-            speed in 0.01..10.0f64, acceleration in 0.01..50.0f64, jerk in 0.05..500.0f64, t in 0.0..1.0f64,
-        ) {
-            let law = TimeLaw::new(&RateLimits { speed, acceleration, jerk });
-            let (a, b) = (law.at(t * law.duration_s()), law.at((1.0 - t) * law.duration_s()));
-            prop_assert!((a + b - 1.0).abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn a_slow_limit_gives_a_cruise_at_that_speed() {
-        let law = TimeLaw::new(&RateLimits {
-            speed: 0.5,
-            acceleration: 5.0,
-            jerk: 50.0,
-        });
-        assert!((law.duration_s() - (2.0 + 0.2)).abs() < 1e-12);
-    }
-}
+mod tests;

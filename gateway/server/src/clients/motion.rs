@@ -191,6 +191,7 @@ impl Motion {
             authorization: Some(authorization),
             arm: arm.message().into(),
             portal: Some(wire::point_message(portal)),
+            ..proto::SetPortalRequest::default()
         };
         let call = within(SHORT_DEADLINE, request);
         ask(PEER, self.0.clone().set_portal(call)).await.map(drop)
@@ -207,6 +208,7 @@ impl Motion {
             arm: arm.message().into(),
             targets: targets.iter().map(wire::point_message).collect(),
             portal: Some(wire::point_message(portal)),
+            ..proto::CheckMotionRequest::default()
         };
         let answer = ask(
             PEER,

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use arthro_authority::{Operation, Outcome};
-use arthro_geometry::Point3;
 use tokio::sync::watch;
 use ur_link::{Command, State};
 
@@ -14,8 +13,9 @@ use crate::command::{Authorization, Commander, Progress};
 use crate::error::Error;
 use crate::kinematics::{Joints, largest_difference};
 use crate::plan::{Move, Plan, Situation};
+use crate::rcm::Portal;
 use crate::supervisor::{Measured, Observation, Regime, Supervisor};
-use crate::way::Walker;
+use crate::sweep::Walker;
 
 /// Joints farther than this from where they were commanded are not at rest, rad.
 const APART_RAD: f64 = 0.02;
@@ -27,7 +27,7 @@ pub struct Pilot {
     pub options: Arc<ArmOptions>,
     pub commander: Commander,
     supervisor: Supervisor,
-    pub portal: Option<Point3>,
+    pub portal: Option<Portal>,
     activity: Activity,
     pub fault: Option<Fault>,
     /// Reason of a fault inside that was acknowledged: until the tip is out it may only be drawn back.
@@ -83,9 +83,13 @@ impl Pilot {
     /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
     pub fn observe(&mut self, state: &State) {
         let measured = measured(state);
+        let (portal, axis) = match &self.portal {
+            Some(portal) => (Some(portal.point), portal.axis),
+            None => (None, None),
+        };
         let seen = self
             .supervisor
-            .observe(&measured, self.portal.as_ref(), None);
+            .observe(&measured, portal.as_ref(), axis.as_ref());
         self.latest = Some((*state, seen));
         self.warn(&seen);
         self.retract_only = self.retract_only.filter(|_| seen.inside);
@@ -240,7 +244,7 @@ impl Pilot {
                 self.supervisor.plane_room_mm()
             },
         };
-        let way = walker.way(plan, start)?;
+        let way = walker.sweep(plan, start)?;
         if way_out {
             berth.take_way_out(way);
             return Ok(());
@@ -298,7 +302,7 @@ impl Pilot {
         Ok((state, seen))
     }
 
-    fn set_portal(&mut self, portal: Point3) -> Result<(), Error> {
+    fn set_portal(&mut self, portal: Portal) -> Result<(), Error> {
         let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
         if !self.is_standing() {
             return Err(Error::Moving);

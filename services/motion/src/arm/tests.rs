@@ -5,13 +5,14 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use arthro_authority::{OperationState, Outcome};
-use arthro_geometry::{Rotation, Vector3};
+use arthro_geometry::nalgebra::Unit;
+use arthro_geometry::{Point3, Rotation, Vector3};
 use ur_link::{Command, ProgramState};
 
 use super::fake::{FakeRobot, PERIOD_S};
 use super::*;
-use crate::bodies::{ArmShape, Links, ToolShape};
-use crate::rcm::shaft;
+use crate::bodies::{ArmShape, ToolShape};
+use crate::rcm::{Portal, shaft};
 
 const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
@@ -28,39 +29,55 @@ struct Cell {
 }
 
 fn tool_arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        crate::kinematics::model::Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 fn apart() -> Berth {
-    Berth::apart(ArmShape::new(&tool_arm(), Links::UR5, ToolShape::default()))
+    Berth::apart(ArmShape::new(&tool_arm(), ToolShape::default()))
 }
 
 impl Cell {
     /// The tip 80 mm in front of a portal on the shaft's axis.
     async fn new() -> Self {
-        Self::limited(Limits::default()).await
+        Self::standing(Limits::default(), None).await
     }
 
+    /// The same with other limits and a portal whose axis is the shaft's.
     async fn limited(limits: Limits) -> Self {
         let pose = tool_arm().base_from_tool(&START);
-        let portal = pose.origin() + shaft(&pose) * 80.0;
+        Self::standing(limits, Some(Unit::new_normalize(shaft(&pose)))).await
+    }
+
+    async fn standing(limits: Limits, axis: Option<Unit<Vector3>>) -> Self {
+        let pose = tool_arm().base_from_tool(&START);
+        let point = pose.origin() + shaft(&pose) * 80.0;
         let robot = FakeRobot::new(tool_arm(), START);
-        let mut cell = Self::in_berth(robot, Some(portal), portal, limits, apart());
+        let set = Some(Portal { point, axis });
+        let mut cell = Self::in_berth(robot, set, point, limits, apart());
         cell.connected().await;
         cell.token = cell.acquire();
         cell
     }
 
     fn with(robot: FakeRobot, set: Option<Point3>, portal: Point3) -> Self {
-        Self::in_berth(robot, set, portal, Limits::default(), apart())
+        Self::in_berth(
+            robot,
+            set.map(Into::into),
+            portal,
+            Limits::default(),
+            apart(),
+        )
     }
 
     fn in_berth(
         robot: FakeRobot,
-        set: Option<Point3>,
+        set: Option<Portal>,
         portal: Point3,
         limits: Limits,
         berth: Berth,

@@ -4,17 +4,21 @@ use arthro_geometry::{Point3, Rotation, Vector3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::bodies::{Capsule, Links, ToolShape};
+use crate::bodies::{Capsule, ToolShape};
+use crate::kinematics::model::Model;
 
 const FORCEPS: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 const ARTHROSCOPE: Joints = [0.796, -1.456, -1.861, -3.148, -1.303, -1.522];
 
 fn clearance(yaw_rad: f64, base_mm: [f64; 3]) -> Clearance {
-    let arm = ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ));
-    let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+    let arm = ToolArm::new(
+        Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    );
+    let shape = ArmShape::new(&arm, ToolShape::default());
     let base = Rigid::new(
         Rotation::from_axis_angle(&Vector3::z_axis(), yaw_rad),
         base_mm.into(),

@@ -1,20 +1,21 @@
 //! Messages to domain values, collecting what is wrong by field; and back.
 
 use arthro_authority::{Lease, Operation, OperationState};
-use arthro_geometry::frame::{Base, Frame, Tool};
-use arthro_geometry::nalgebra::{Quaternion, UnitQuaternion};
-use arthro_geometry::{Point3, Rigid};
+use arthro_geometry::frame::Frame;
+use arthro_geometry::nalgebra::{Quaternion, Unit, UnitQuaternion};
+use arthro_geometry::{Point3, Rigid, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::motion::v1 as proto;
 
 use super::Which;
-use crate::arm::ArmState;
+use crate::arm::{ArmState, Fault};
 use crate::command::Authorization;
 use crate::config::QUATERNION_TOLERANCE;
 use crate::error::Error;
 use crate::kinematics::Joints;
 use crate::limits::Limits;
-use crate::plan::Move;
+use crate::plan::inside::OUTSIDE_MAX_MM;
+use crate::plan::{Aim, Move};
 
 /// Farthest coordinate that is no mistake, mm.
 const COORDINATE_MAX_MM: f64 = 10_000.0;
@@ -77,7 +78,25 @@ impl Fields {
         Some(Point3::new(x_mm, y_mm, z_mm))
     }
 
-    fn pose(&mut self, field: &str, pose: Option<common::Pose>) -> Option<Rigid<Base, Tool>> {
+    pub fn direction(
+        &mut self,
+        field: &str,
+        direction: common::Direction,
+    ) -> Option<Unit<Vector3>> {
+        let vector = Vector3::new(direction.x, direction.y, direction.z);
+        let length = vector.norm();
+        if !(..=QUATERNION_TOLERANCE).contains(&(length - 1.0).abs()) {
+            let fault = format!("has length {length}; must be 1 within {QUATERNION_TOLERANCE}");
+            return self.wrong(field, fault);
+        }
+        Some(Unit::new_normalize(vector))
+    }
+
+    pub fn pose<A: Frame, B: Frame>(
+        &mut self,
+        field: &str,
+        pose: Option<common::Pose>,
+    ) -> Option<Rigid<A, B>> {
         let Some(pose) = pose else {
             return self.wrong(field, "is missing");
         };
@@ -127,7 +146,7 @@ impl Fields {
         }
     }
 
-    fn joints(&mut self, field: &str, joints: &[f64]) -> Option<Joints> {
+    pub fn joints(&mut self, field: &str, joints: &[f64]) -> Option<Joints> {
         let Ok(joints) = Joints::try_from(joints) else {
             return self.wrong(field, format!("has {} angles; must have 6", joints.len()));
         };
@@ -150,7 +169,7 @@ impl Fields {
         match motion {
             None => self.wrong(
                 "motion",
-                "is missing; must be free, pivot, insert, retract or joint",
+                "is missing; must be free, pivot, insert, retract, rcm or joint",
             ),
             Some(Motion::Free(free)) => {
                 let pose = self.pose("free.base_from_tool", free.base_from_tool);
@@ -187,6 +206,7 @@ impl Fields {
                     speed_mm_s: speed?,
                 })
             }
+            Some(Motion::Rcm(rcm)) => self.rcm(rcm, limits),
             Some(Motion::Joint(joint)) => {
                 let joints = self.joints("joint.joints_rad", &joint.joints_rad);
                 let range = (SPEED_MIN_RAD_S, limits.joint_speed_rad_s);
@@ -197,6 +217,53 @@ impl Fields {
                 })
             }
         }
+    }
+}
+
+impl Fields {
+    fn rcm(&mut self, rcm: &proto::RcmMove, limits: &Limits) -> Option<Move> {
+        use proto::rcm_move::Target;
+        let aim = match rcm.target {
+            None => Some(None),
+            Some(Target::Aim(aim)) => {
+                let aim = self.point("rcm.aim", Some(aim));
+                aim.map(|aim| Some(Aim::Point(aim)))
+            }
+            Some(Target::Direction(direction)) => {
+                let direction = self.direction("rcm.direction", direction);
+                direction.map(|direction| Some(Aim::Direction(direction)))
+            }
+        };
+        let depth_mm = if (-OUTSIDE_MAX_MM..=COORDINATE_MAX_MM).contains(&rcm.depth_mm) {
+            Some(rcm.depth_mm)
+        } else {
+            let (depth_mm, limit) = (rcm.depth_mm, limits.depth_max_mm);
+            let fault = format!("is {depth_mm} mm; must be within -{OUTSIDE_MAX_MM} .. {limit} mm");
+            self.wrong("rcm.depth_mm", fault)
+        };
+        let roll_rad = match rcm.roll_rad {
+            Some(roll_rad) => self.finite("rcm.roll_rad", roll_rad).map(Some),
+            None => Some(None),
+        };
+        let range = (SPEED_MIN_MM_S, limits.inside_speed_mm_s);
+        let speed_mm_s = self.speed("rcm.speed_mm_s", rcm.speed_mm_s, range, "mm/s");
+        let range = (SPEED_MIN_RAD_S, limits.pivot_speed_rad_s);
+        let speed_rad_s = self.speed("rcm.speed_rad_s", rcm.speed_rad_s, range, "rad/s");
+        Some(Move::Rcm {
+            aim: aim?,
+            depth_mm: depth_mm?,
+            roll_rad: roll_rad?,
+            speed_mm_s: speed_mm_s?,
+            speed_rad_s: speed_rad_s?,
+        })
+    }
+}
+
+pub fn direction(direction: &Vector3) -> common::Direction {
+    common::Direction {
+        x: direction.x,
+        y: direction.y,
+        z: direction.z,
     }
 }
 
@@ -229,6 +296,7 @@ pub fn limits(limits: &Limits) -> proto::MotionLimits {
         pivot_speed_rad_s: limits.pivot_speed_rad_s,
         joint_speed_rad_s: limits.joint_speed_rad_s,
         depth_max_mm: limits.depth_max_mm,
+        cone_max_rad: limits.cone_max_rad,
     }
 }
 
@@ -258,10 +326,12 @@ pub fn operation(operation: &Operation, repeated: bool) -> common::Operation {
 
 pub fn arm_state(which: Which, state: &ArmState) -> proto::ArmState {
     let placement = state.placement.as_ref();
-    let (fault_reason, fault_detail) = match &state.fault {
+    let words = |fault: &Option<Fault>| match fault {
         Some(fault) => (fault.reason.to_owned(), fault.detail.clone()),
         None => Default::default(),
     };
+    let (fault_reason, fault_detail) = words(&state.fault);
+    let (warning_reason, warning_detail) = words(&state.warning);
     proto::ArmState {
         arm: which.on_the_wire().into(),
         controller_time_s: state.time_s,
@@ -275,6 +345,8 @@ pub fn arm_state(which: Which, state: &ArmState) -> proto::ArmState {
         rcm_deviation_mm: placement.map_or(0.0, |placement| placement.deviation_mm()),
         fault_reason,
         fault_detail,
+        warning_reason,
+        warning_detail,
         speed_scaling: state.speed_scaling,
         operation_id: state.operation_id.clone().unwrap_or_default(),
     }

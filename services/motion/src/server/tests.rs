@@ -88,7 +88,7 @@ impl Cell {
         let request = proto::CheckMotionRequest {
             arm: common::Arm::Forceps.into(),
             targets,
-            portal: None,
+            ..proto::CheckMotionRequest::default()
         };
         let response = self.motion.check_motion(Request::new(request)).await?;
         Ok(response.into_inner().checks)
@@ -341,6 +341,7 @@ async fn a_portal_is_set_and_told() {
         authorization: cell.by(),
         arm: common::Arm::Arthroscope.into(),
         portal: Some(portal),
+        ..proto::SetPortalRequest::default()
     };
     cell.motion.set_portal(Request::new(request)).await.unwrap();
     let request = Request::new(proto::GetCellRequest {});

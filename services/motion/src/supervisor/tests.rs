@@ -3,13 +3,13 @@ use std::f64::consts::FRAC_PI_2;
 use arthro_geometry::{Rotation, Vector3};
 
 use super::*;
-use crate::bodies::{ArmShape, Links, ToolShape};
+use crate::bodies::{ArmShape, ToolShape};
 use crate::workspace::{Part, Plane};
 
 const JOINTS: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
 fn apart(arm: &ToolArm) -> Berth {
-    Berth::apart(ArmShape::new(arm, Links::UR5, ToolShape::default()))
+    Berth::apart(ArmShape::new(arm, ToolShape::default()))
 }
 
 struct Watch {
@@ -22,10 +22,13 @@ struct Watch {
 impl Watch {
     /// A standing arm whose tip is `depth_mm` beyond a portal that its shaft passes at `aside_mm`.
     fn with(depth_mm: f64, aside_mm: f64) -> Self {
-        let arm = ToolArm::new(Rigid::new(
-            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-            Vector3::new(0.0, 0.0, 310.0),
-        ));
+        let arm = ToolArm::new(
+            crate::kinematics::model::Model::ur5(),
+            Rigid::new(
+                Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+                Vector3::new(0.0, 0.0, 310.0),
+            ),
+        );
         let pose = arm.base_from_tool(&JOINTS);
         let aside = pose.direction(&Vector3::y()) * aside_mm;
         Self {
@@ -276,7 +279,7 @@ mod two_arms {
     fn facing(gap_mm: f64) -> [Watch; 2] {
         let mut watches = [Watch::with(-50.0, 0.0), Watch::with(-50.0, 0.0)];
         let arm = watches[0].supervisor.arm;
-        let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+        let shape = ArmShape::new(&arm, ToolShape::default());
         let pose = arm.base_from_tool(&JOINTS);
         // The other base is half a turn about the vertical through a point ahead of the tip.
         let half = Rotation::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);

@@ -73,7 +73,7 @@ impl FakeArm {
             }
             Motion::Insert(insert) => self.advance(insert.depth_mm),
             Motion::Retract(retract) => self.advance(retract.depth_mm),
-            Motion::Joint(_) => panic!("no joint moves are expected"),
+            Motion::Joint(_) | Motion::Rcm(_) => panic!("no such moves are expected"),
         }
         Ok(())
     }
@@ -230,7 +230,10 @@ impl MotionService for FakeMotion {
                 },
             })
             .collect();
-        Ok(Response::new(CheckMotionResponse { checks }))
+        Ok(Response::new(CheckMotionResponse {
+            checks,
+            ..CheckMotionResponse::default()
+        }))
     }
 
     type MoveStream = Answers<MoveResponse>;
@@ -248,6 +251,7 @@ impl MotionService for FakeMotion {
             Motion::Insert(_) => "INSERT",
             Motion::Retract(_) => "RETRACT",
             Motion::Joint(_) => "JOINT",
+            Motion::Rcm(_) => "RCM",
         };
         let command = format!("{verb} {}", name(arm));
         let id = self

@@ -51,6 +51,20 @@ const CASES: &[Case] = &[
         told: ["depth beyond the portal is", "limit 80.500 mm"],
     },
     Case {
+        reason: "CONE",
+        limits: |limits| {
+            limits.rcm_stop_mm = 100.0;
+            limits.cone_max_rad = 0.2;
+        },
+        from_mm: 30.0,
+        wanted: deeper,
+        break_it: |robot| robot.encoder_error[4] = 0.25,
+        told: [
+            "angle of the shaft to the axis of the portal is",
+            "limit 0.210 rad",
+        ],
+    },
+    Case {
         reason: "JOINT_SPEED",
         limits: keep_limits,
         from_mm: -5.0,

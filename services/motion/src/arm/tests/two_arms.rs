@@ -6,7 +6,7 @@ use crate::clearance::Clearance;
 /// Two arms face to face, their tips this far apart.
 async fn facing(gap_mm: f64) -> [Cell; 2] {
     let arm = tool_arm();
-    let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+    let shape = ArmShape::new(&arm, ToolShape::default());
     let pose = arm.base_from_tool(&START);
     let portal = pose.origin() + shaft(&pose) * 80.0;
     // The other base is half a turn about the vertical through the middle between the tips.
@@ -18,7 +18,7 @@ async fn facing(gap_mm: f64) -> [Cell; 2] {
     let berths = Berth::beside(Clearance::new((arm, shape), (arm, shape), base));
     let mut cells = berths.map(|berth| {
         let robot = FakeRobot::new(arm, START);
-        Cell::in_berth(robot, Some(portal), portal, Limits::default(), berth)
+        Cell::in_berth(robot, Some(portal.into()), portal, Limits::default(), berth)
     });
     for cell in &mut cells {
         cell.connected().await;
@@ -162,10 +162,10 @@ async fn an_arm_does_not_go_on_while_the_other_is_silent() {
 #[tokio::test]
 async fn no_arm_moves_in_a_cell_whose_layout_nobody_stated() {
     let arm = tool_arm();
-    let berth = Berth::unstated(ArmShape::new(&arm, Links::UR5, ToolShape::default()));
+    let berth = Berth::unstated(ArmShape::new(&arm, ToolShape::default()));
     let portal = Point3::new(700.0, 0.0, 265.0);
     let robot = FakeRobot::new(arm, START);
-    let mut cell = Cell::in_berth(robot, Some(portal), portal, Limits::default(), berth);
+    let mut cell = Cell::in_berth(robot, Some(portal.into()), portal, Limits::default(), berth);
     cell.connected().await;
     cell.token = cell.acquire();
     assert_eq!(

@@ -4,23 +4,27 @@ use arthro_geometry::{Rotation, Vector3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::bodies::{ArmShape, Links, ToolShape};
+use crate::bodies::{ArmShape, ToolShape};
 use crate::clearance::{Clearance, Side};
+use crate::kinematics::model::Model;
 use crate::workspace::{Part, Plane};
 
 const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
 fn arm() -> ToolArm {
-    ToolArm::new(Rigid::new(
-        Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
-        Vector3::new(0.0, 0.0, 310.0),
-    ))
+    ToolArm::new(
+        Model::ur5(),
+        Rigid::new(
+            Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+            Vector3::new(0.0, 0.0, 310.0),
+        ),
+    )
 }
 
 /// Two arms a metre apart, face to face.
 fn clearance() -> Clearance {
     let arm = arm();
-    let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+    let shape = ArmShape::new(&arm, ToolShape::default());
     let base = Rigid::new(
         Rotation::from_axis_angle(&Vector3::z_axis(), PI),
         Vector3::new(1000.0, 0.0, 0.0),
@@ -35,7 +39,7 @@ fn turned(start: &Joints, by: &Joints) -> Plan {
     }
 }
 
-fn way(side: Side, start: &Joints, by: &Joints) -> Way {
+fn way(side: Side, start: &Joints, by: &Joints) -> Sweep {
     let arm = arm();
     let limits = Limits::default();
     let [forceps, arthroscope] = Berth::beside(clearance());
@@ -49,7 +53,7 @@ fn way(side: Side, start: &Joints, by: &Joints) -> Way {
         berth: &berth,
         plane_room_mm: 0.0,
     };
-    walker.way(&turned(start, by), start).unwrap()
+    walker.sweep(&turned(start, by), start).unwrap()
 }
 
 #[test]
@@ -77,12 +81,12 @@ fn a_way_that_crosses_the_way_of_a_moving_arm_is_refused_even_if_they_would_not_
     let crossing: Joints = [0.6, 0.0, 0.0, 0.0, 0.0, 0.0];
     let theirs = way(Side::Arthroscope, &START, &crossing);
     let own = way(Side::Forceps, &START, &crossing);
-    let refusal = own.keeps_clear_of_way(&theirs, &keep).unwrap_err();
+    let refusal = own.keeps_clear_of_sweep(&theirs, &keep).unwrap_err();
     assert_eq!(refusal.reason(), "ARM_BUSY_NEARBY");
     let away: Joints = [-0.6, 0.0, 0.0, 0.0, 0.0, 0.0];
     let start = std::array::from_fn(|i| START[i] + 2.0 * away[i]);
     let own = way(Side::Forceps, &start, &away);
-    assert_eq!(own.keeps_clear_of_way(&theirs, &keep), Ok(()));
+    assert_eq!(own.keeps_clear_of_sweep(&theirs, &keep), Ok(()));
 }
 
 #[test]
@@ -106,11 +110,11 @@ fn a_way_beyond_a_plane_is_refused_with_the_place() {
         plane_room_mm: 0.0,
     };
     let plan = turned(&START, &[0.6, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    let refusal = walker.way(&plan, &START).unwrap_err();
+    let refusal = walker.sweep(&plan, &START).unwrap_err();
     assert_eq!(refusal.reason(), "WORKSPACE");
     assert!(refusal.to_string().contains("plane wall"), "{refusal}");
     let back = turned(&START, &[-0.6, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    assert!(walker.way(&back, &START).is_ok());
+    assert!(walker.sweep(&back, &START).is_ok());
 }
 
 proptest! {
@@ -132,7 +136,7 @@ proptest! {
             .coarse
             .iter()
             .any(|one| theirs.coarse.iter().any(|other| near(one, other)));
-        prop_assert_eq!(own.keeps_clear_of_way(&theirs, &keep).is_err(), any_pair);
+        prop_assert_eq!(own.keeps_clear_of_sweep(&theirs, &keep).is_err(), any_pair);
         let standing = theirs.fine[0].clone();
         let still = Sample { slack_mm: 0.0, ..standing };
         let any = own.fine.iter().any(|one| near(one, &still));

@@ -1,4 +1,4 @@
-//! Where all bodies of an arm will be on the way of a move, to keep it clear of the other arm and within
+//! Where all bodies of an arm sweep along on the way of a move, to keep it clear of the other arm and within
 //! the planes.
 //!
 //! Between two samples no body is farther from where it is at the nearer one than half of what the bodies
@@ -30,7 +30,7 @@ const LENGTH_SURPLUS: f64 = 1.3;
 
 /// Bodies along a way, in the common frame of the cell.
 #[derive(Clone, Debug)]
-pub struct Way {
+pub struct Sweep {
     fine: Vec<Sample>,
     coarse: Vec<Sample>,
 }
@@ -60,10 +60,10 @@ pub struct Walker<'a> {
 }
 
 impl Walker<'_> {
-    /// The way of a plan that begins at the joints `start`. Refused with WORKSPACE where it leads beyond a plane.
-    pub fn way(&self, plan: &Plan, start: &Joints) -> Result<Way, Error> {
+    /// The sweep of a plan that begins at the joints `start`. Refused with WORKSPACE where it leads beyond a plane.
+    pub fn sweep(&self, plan: &Plan, start: &Joints) -> Result<Sweep, Error> {
         match plan {
-            Plan::Stream { trajectory, .. } => self.way_of(trajectory, start),
+            Plan::Stream { trajectory, .. } => self.sweep_of(trajectory, start),
             Plan::Line { base_from_tool, .. } => {
                 let from = self.arm.base_from_tool(start);
                 self.walk(start, |s, before| {
@@ -82,8 +82,8 @@ impl Walker<'_> {
         }
     }
 
-    /// The way of one trajectory.
-    pub fn way_of(&self, trajectory: &Trajectory, start: &Joints) -> Result<Way, Error> {
+    /// The sweep of one trajectory.
+    pub fn sweep_of(&self, trajectory: &Trajectory, start: &Joints) -> Result<Sweep, Error> {
         let duration_s = trajectory.duration_s();
         self.walk(start, |s, before| trajectory.sample(s * duration_s, before))
     }
@@ -92,7 +92,7 @@ impl Walker<'_> {
         &self,
         start: &Joints,
         joints_at: impl Fn(f64, &Joints) -> Result<Joints, Error>,
-    ) -> Result<Way, Error> {
+    ) -> Result<Sweep, Error> {
         let look = |samples: usize| -> Result<Vec<(f64, Bodies)>, Error> {
             let mut before = *start;
             (0..=samples)
@@ -120,7 +120,7 @@ impl Walker<'_> {
             .filter(|(index, _)| index % every == 0 || *index == last)
             .map(|(_, sample)| *sample)
             .collect();
-        Ok(Way {
+        Ok(Sweep {
             fine: with_slack(&fine),
             coarse: with_slack(&coarse),
         })
@@ -145,7 +145,7 @@ impl Walker<'_> {
     }
 }
 
-impl Way {
+impl Sweep {
     /// Refused with ARMS_TOO_NEAR where a body comes too near to another arm that stands still.
     pub fn keeps_clear_of(&self, other: &Bodies, keep: &Keep) -> Result<(), Error> {
         walk(&self.fine, |sample| {
@@ -165,7 +165,7 @@ impl Way {
 
     /// Refused with ARM_BUSY_NEARBY where a body comes too near to any place of the way that another arm is on: where
     /// on it that arm is meanwhile is not counted on.
-    pub fn keeps_clear_of_way(&self, other: &Self, keep: &Keep) -> Result<(), Error> {
+    pub fn keeps_clear_of_sweep(&self, other: &Self, keep: &Keep) -> Result<(), Error> {
         walk(&self.coarse, |sample| {
             walk(&other.coarse, |theirs| {
                 let slack_mm = sample.slack_mm + theirs.slack_mm;
