@@ -133,8 +133,10 @@ pub enum Error {
         detail: String,
     },
     /// The arthroscope cannot reach its view.
-    #[error("the arthroscope cannot reach its view: {detail}")]
+    #[error("the arthroscope cannot reach its view of bite {bite}: {detail}")]
     UnreachableView {
+        /// Which bite, from 0.
+        bite: usize,
         /// The motion service's word.
         check: String,
         /// With value and limit.
@@ -229,9 +231,15 @@ impl Error {
                 ("check", check.clone()),
                 ("detail", detail.clone()),
             ],
-            Self::UnreachableView { check, detail } => {
-                vec![("check", check.clone()), ("detail", detail.clone())]
-            }
+            Self::UnreachableView {
+                bite,
+                check,
+                detail,
+            } => vec![
+                ("bite", bite.to_string()),
+                ("check", check.clone()),
+                ("detail", detail.clone()),
+            ],
             _ => Vec::new(),
         }
     }

@@ -10,7 +10,6 @@ pub mod poses;
 pub mod recovery;
 pub mod sequencer;
 pub mod steps;
-pub mod watching;
 
 use crate::approval::Digest;
 use crate::clients::Acted;

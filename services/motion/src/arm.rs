@@ -21,6 +21,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use ur_link::{RobotLink, RobotMode, SafetyMode};
 
 pub use self::owner::Owner;
+use crate::cell::Berth;
 use crate::command::{Authorization, Begun, Commander, Progress};
 use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm};
@@ -42,6 +43,8 @@ pub struct ArmOptions {
     pub arm: ToolArm,
     /// Its limits.
     pub limits: Limits,
+    /// Where it stands in the cell.
+    pub berth: Berth,
     /// The portal, if it is known from the start.
     pub portal: Option<Portal>,
     /// The controller's period as far as it is known without a link, s.
@@ -106,6 +109,8 @@ pub struct ArmState {
     pub placement: Option<Placement>,
     /// Latched until it is recovered.
     pub fault: Option<Fault>,
+    /// What comes near to a limit while it lasts; the arm goes on.
+    pub warning: Option<Fault>,
     /// 0 .. 1.
     pub speed_scaling: f64,
     /// The move under way.
@@ -116,7 +121,7 @@ pub struct ArmState {
     pub states_missed: u64,
 }
 
-/// Why an arm does not move until somebody recovers it.
+/// Why an arm does not move until somebody recovers it, or what may become such a reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// A stable word.

@@ -8,7 +8,10 @@ use arthro_geometry::{Point3, Rigid, Vector3};
 use parry3d_f64::math::Pose3;
 use parry3d_f64::query::details::distance_segment_segment;
 use parry3d_f64::shape::Segment;
+use serde::{Deserialize, Serialize};
 
+use crate::kinematics::links::Links;
+use crate::kinematics::model::Make;
 use crate::kinematics::{Joints, ToolArm};
 use crate::rcm::shaft;
 
@@ -40,20 +43,6 @@ pub enum Body {
     Shaft,
 }
 
-/// The nominal lengths of an arm and the radii of its housings, mm; names as in its Denavit-Hartenberg table.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Links {
-    d1: f64,
-    a2: f64,
-    a3: f64,
-    d4: f64,
-    d5: f64,
-    /// The tube of the upper arm, beside the line of the joints, along the axis of joint 2.
-    upper_arm_aside: f64,
-    /// The tube of the forearm, likewise.
-    forearm_aside: f64,
-}
-
 const BASE_RADIUS_MM: f64 = 75.0;
 const SHOULDER_RADIUS_MM: f64 = 60.0;
 const UPPER_ARM_RADIUS_MM: f64 = 60.0;
@@ -62,7 +51,8 @@ const FOREARM_RADIUS_MM: f64 = 50.0;
 const WRIST_RADIUS_MM: f64 = 42.0;
 
 /// What the tool is made of, seen as a body.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ToolShape {
     /// Of the shaft, mm.
     pub shaft_radius_mm: f64,
@@ -85,6 +75,9 @@ pub struct Capsule {
 #[derive(Clone, Copy, Debug)]
 pub struct ArmShape {
     links: Links,
+    /// The tubes of upper arm and forearm, beside the line of the joints, along the axis of joint 2, mm.
+    upper_arm_aside_mm: f64,
+    forearm_aside_mm: f64,
     tool: ToolShape,
     tool_from_flange: Rigid<Tool, Flange>,
 }
@@ -125,34 +118,45 @@ impl Body {
     }
 }
 
-impl Links {
-    /// UR5 of the CB3 series.
-    pub const UR5: Self = Self {
-        d1: 89.159,
-        a2: -425.0,
-        a3: -392.25,
-        d4: 109.15,
-        d5: 94.65,
-        upper_arm_aside: 135.85,
-        forearm_aside: 16.15,
+impl ToolShape {
+    /// An arthroscope of 4.0 mm.
+    pub const ARTHROSCOPE: Self = Self {
+        shaft_radius_mm: 2.0,
+        drive_unit_mm: 110.0,
+        drive_unit_radius_mm: 35.0,
     };
+
+    /// The sizes by name, for checks of a configuration.
+    pub fn named(&self) -> [(&'static str, f64); 3] {
+        [
+            ("shaft_radius_mm", self.shaft_radius_mm),
+            ("drive_unit_mm", self.drive_unit_mm),
+            ("drive_unit_radius_mm", self.drive_unit_radius_mm),
+        ]
+    }
 }
 
+/// A forceps of 3.5 mm.
 impl Default for ToolShape {
     fn default() -> Self {
         Self {
-            shaft_radius_mm: 2.0,
-            drive_unit_mm: 110.0,
-            drive_unit_radius_mm: 35.0,
+            shaft_radius_mm: 1.75,
+            ..Self::ARTHROSCOPE
         }
     }
 }
 
 impl ArmShape {
     /// Of an arm with its tool.
-    pub fn new(arm: &ToolArm, links: Links, tool: ToolShape) -> Self {
+    pub fn new(arm: &ToolArm, tool: ToolShape) -> Self {
+        let (upper_arm_aside_mm, forearm_aside_mm) = match arm.model().make() {
+            Make::Ur5 => (135.85, 16.15),
+            Make::Ur5e => (138.0, 7.0),
+        };
         Self {
-            links,
+            links: *arm.model().links(),
+            upper_arm_aside_mm,
+            forearm_aside_mm,
             tool,
             tool_from_flange: arm.flange_from_tool().inverse(),
         }
@@ -169,13 +173,16 @@ impl ArmShape {
         // The axis of joints 2, 3 and 4.
         let aside = Vector3::new(s1, -c1, 0.0);
         let foot = Point3::origin();
-        let shoulder = foot + Vector3::z() * links.d1;
-        let elbow = shoulder + radial * (links.a2 * c2) + Vector3::z() * (links.a2 * s2);
-        let wrist = elbow + radial * (links.a3 * c23) + Vector3::z() * (links.a3 * s23);
-        let wrist_1 = wrist + aside * links.d4;
-        let wrist_2 = wrist_1 + (radial * s234 - Vector3::z() * c234) * links.d5;
+        let shoulder = foot + Vector3::z() * links.d1_mm;
+        let elbow = shoulder + radial * (links.a2_mm * c2) + Vector3::z() * (links.a2_mm * s2);
+        let wrist = elbow + radial * (links.a3_mm * c23) + Vector3::z() * (links.a3_mm * s23);
+        let wrist_1 = wrist + aside * links.d4_mm;
+        let wrist_2 = wrist_1 + (radial * s234 - Vector3::z() * c234) * links.d5_mm;
         let flange = (*base_from_tool * self.tool_from_flange).origin();
-        let (upper_arm, forearm) = (aside * links.upper_arm_aside, aside * links.forearm_aside);
+        let (upper_arm, forearm) = (
+            aside * self.upper_arm_aside_mm,
+            aside * self.forearm_aside_mm,
+        );
 
         let along = shaft(base_from_tool);
         let tip = base_from_tool.origin();
@@ -276,10 +283,11 @@ mod tests {
     use arthro_geometry::Rotation;
 
     use super::*;
+    use crate::kinematics::model::Model;
 
     fn arm() -> ToolArm {
         ToolArm::new(
-            crate::kinematics::model::Model::ur5(),
+            Model::ur5(),
             Rigid::new(
                 Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
                 Vector3::new(0.0, 0.0, 310.0),
@@ -289,7 +297,7 @@ mod tests {
 
     fn bodies(joints: &Joints) -> Bodies {
         let arm = arm();
-        let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+        let shape = ArmShape::new(&arm, ToolShape::default());
         shape.bodies(joints, &arm.base_from_tool(joints))
     }
 
@@ -319,7 +327,7 @@ mod tests {
         let bodies = bodies(&joints);
         let pose = arm().base_from_tool(&joints);
         let axis = bodies.get(Body::Shaft);
-        assert!((axis.ends[0] - (pose.origin() - shaft(&pose) * 2.0)).norm() < 1e-9);
+        assert!((axis.ends[0] - (pose.origin() - shaft(&pose) * 1.75)).norm() < 1e-9);
         assert!((axis.ends[1] - (pose.origin() - shaft(&pose) * 200.0)).norm() < 1e-9);
     }
 }

@@ -7,6 +7,8 @@ use arthro_geometry::frame::{Base, Tool};
 use arthro_geometry::{Point3, Rigid};
 
 pub use self::way::Way;
+use crate::cell::Berth;
+use crate::clearance::Keep;
 use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm};
 use crate::limits::Limits;
@@ -15,6 +17,7 @@ use crate::rcm::paper::Formula;
 use crate::rcm::path::direction_to;
 use crate::rcm::straight::Straight;
 use crate::rcm::{Portal, RcmPath, Regain, shaft};
+use crate::sweep::Walker;
 use crate::trajectory::straight::walk_straight;
 use crate::trajectory::{Margins, Speeds, Trajectory, reach};
 
@@ -36,6 +39,8 @@ pub struct DryRun {
     pub period_s: f64,
     /// How targets are reached.
     pub method: Method,
+    /// Where it stands in the cell.
+    pub berth: Berth,
 }
 
 /// A way from outside the portal to a target.
@@ -177,6 +182,8 @@ impl DryRun {
         let pivot = self.plan(path, &from.joints_rad)?;
         let path = RcmPath::along(&aimed, self.portal, depth_mm, Regain::Nothing);
         let insertion = self.plan(path, &pivot.end())?;
+        self.keeps_clear(&pivot, &from.joints_rad)?;
+        self.keeps_clear(&insertion, &pivot.end())?;
         // The retraction is the insertion backwards: it ends where the pivot did.
         let outside = Waiting {
             joints_rad: pivot.end(),
@@ -187,6 +194,18 @@ impl DryRun {
             pivot.duration_s() + insertion.duration_s(),
             outside,
         ))
+    }
+
+    /// Of the planes and of the other arm where it is now.
+    fn keeps_clear(&self, trajectory: &Trajectory, start: &Joints) -> Result<(), Error> {
+        let walker = Walker {
+            arm: &self.arm,
+            limits: &self.limits,
+            berth: &self.berth,
+            plane_room_mm: 0.0,
+        };
+        let sweep = walker.sweep_of(trajectory, start)?;
+        self.berth.keeps_clear(&sweep, &Keep::of(&self.limits))
     }
 
     fn as_in_the_paper(

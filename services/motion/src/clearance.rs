@@ -93,6 +93,14 @@ impl Clearance {
         self.in_common(side, &shape.bodies(joints, &arm.base_from_tool(joints)))
     }
 
+    /// What one of the arms looks like.
+    pub fn shape(&self, side: Side) -> ArmShape {
+        match side {
+            Side::Forceps => self.forceps.1,
+            Side::Arthroscope => self.arthroscope.1,
+        }
+    }
+
     /// Bodies in an arm's base, carried into the common frame.
     pub fn in_common(&self, side: Side, bodies: &Bodies) -> Bodies {
         match side {
@@ -140,6 +148,16 @@ impl Bodies {
     }
 }
 
+impl Nearest {
+    /// The same with less room, mm.
+    pub fn less(&self, mm: f64) -> Self {
+        let mut less = *self;
+        less.shafts.mm -= mm;
+        less.others.mm -= mm;
+        less
+    }
+}
+
 impl Keep {
     /// What the limits of an arm ask for.
     pub fn of(limits: &Limits) -> Self {
@@ -157,12 +175,10 @@ impl Keep {
         }
     }
 
-    /// The same with more room, mm.
-    pub fn wider(&self, mm: f64) -> Self {
-        Self {
-            shafts_mm: self.shafts_mm + mm,
-            others_mm: self.others_mm + mm,
-        }
+    /// How much more room there is than must be kept, mm; negative where one is missed.
+    pub fn surplus_mm(&self, nearest: &Nearest) -> f64 {
+        let shafts_mm = nearest.shafts.mm - self.shafts_mm;
+        shafts_mm.min(nearest.others.mm - self.others_mm)
     }
 
     /// The distance that is too short and its limit, mm, if there is one.

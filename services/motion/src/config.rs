@@ -9,10 +9,13 @@ use serde::{Deserialize, Serialize};
 use ur_link::{Endpoint, Expected, Options, Series, Servo};
 
 use crate::arm::ArmOptions;
+use crate::bodies::{ArmShape, ToolShape};
+use crate::cell::Berth;
 use crate::kinematics::dh::Dh;
 use crate::kinematics::joint_limits::JointLimits;
 use crate::kinematics::model::{Make, Model};
 use crate::kinematics::{Joints, ToolArm};
+use crate::layout::Layout;
 use crate::limits::Limits;
 use crate::rcm::Portal;
 
@@ -27,6 +30,8 @@ pub const QUATERNION_TOLERANCE: f64 = 1e-3;
 pub struct Config {
     /// The two arms.
     pub arms: Arms,
+    /// How they stand to each other.
+    pub layout: Layout,
 }
 
 /// The arms of the cell.
@@ -66,6 +71,8 @@ pub struct ArmConfig {
     pub joint_limits_rad: [[f64; 2]; 6],
     /// How the tool is mounted.
     pub flange_from_tool: ToolMount,
+    /// How thick the tool is: what keeps its distance to the other arm and the planes.
+    pub tool_shape: ToolShape,
     /// Mass at the flange, kg.
     pub payload_kg: f64,
     /// The portal in the arm's base, mm, if it is known from the start; else SetPortal states it.
@@ -78,11 +85,11 @@ pub struct ArmConfig {
     pub limits: Limits,
 }
 
-/// flange_from_tool.
+/// A pose: that of the tool at the flange, flange_from_tool, or of one base in another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ToolMount {
-    /// The tip at the flange, mm.
+    /// The tip at the flange, or the other base's origin, mm.
     pub translation_mm: [f64; 3],
     /// Unit quaternion w, x, y, z: the tool's x is along the shaft and out of the tip.
     pub rotation_wxyz: [f64; 4],
@@ -95,6 +102,7 @@ impl Default for Arms {
             arthroscope: ArmConfig {
                 host: "127.0.0.12".to_owned(),
                 neutral_joints_rad: [0.796, -1.456, -1.861, -3.148, -1.303, -1.522],
+                tool_shape: ToolShape::ARTHROSCOPE,
                 ..ArmConfig::default()
             },
         }
@@ -116,6 +124,7 @@ impl Default for ArmConfig {
             calibration_deltas: None,
             joint_limits_rad: travel(&JointLimits::default()),
             flange_from_tool: ToolMount::default(),
+            tool_shape: ToolShape::default(),
             payload_kg: 1.0,
             portal_mm: None,
             portal_axis: None,
@@ -157,10 +166,12 @@ pub struct ArmSetup {
     pub link: Options,
     /// For the dry run.
     pub neutral_joints_rad: Joints,
+    /// What it looks like.
+    pub shape: ArmShape,
 }
 
 impl ArmConfig {
-    /// Checks every number.
+    /// Checks every number. The arm knows of no other until [`Layout::seat`] gives it its place.
     pub fn check(&self, name: &'static str) -> Result<ArmSetup, ConfigError> {
         let wrong = |field: &str, fault: String| ConfigError {
             arm: name,
@@ -174,6 +185,17 @@ impl ArmConfig {
             if !(value.is_finite() && value > 0.0) {
                 let fault = format!("is {value}; must be greater than 0");
                 return Err(wrong(&format!("limits.{field}"), fault));
+            }
+        }
+        for (index, plane) in self.limits.planes.iter().enumerate() {
+            if let Some(fault) = plane.fault() {
+                return Err(wrong(&format!("limits.planes[{index}]"), fault));
+            }
+        }
+        for (field, value) in self.tool_shape.named() {
+            if !(0.1..=500.0).contains(&value) {
+                let fault = format!("is {value}; must be within 0.1 .. 500");
+                return Err(wrong(&format!("tool_shape.{field}"), fault));
             }
         }
         for (field, value) in [
@@ -216,14 +238,18 @@ impl ArmConfig {
             .map_err(|(field, fault)| wrong(field, fault))?;
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         let flange_from_tool = Rigid::new(rotation, translation);
+        let arm = ToolArm::new(model, flange_from_tool);
+        let shape = ArmShape::new(&arm, self.tool_shape);
         Ok(ArmSetup {
+            shape,
             options: ArmOptions {
                 name,
                 address: format!("{}:{}", self.host, self.rtde_port),
-                arm: ToolArm::new(model, flange_from_tool),
+                arm,
                 limits: self.limits.clone(),
                 period_s: 1.0 / self.series().frequency_hz(),
                 silence: Duration::from_secs_f64(self.silence_s),
+                berth: Berth::apart(shape),
                 portal,
                 reconnect: Duration::from_secs_f64(self.reconnect_s),
             },
@@ -356,6 +382,10 @@ mod tests {
             refusal(|config| config.neutral_joints_rad[2] = 4.0).contains("neutral_joints_rad")
         );
         assert!(refusal(|config| config.payload_kg = f64::NAN).contains("payload_kg"));
+        assert!(
+            refusal(|config| config.tool_shape.shaft_radius_mm = 0.0)
+                .contains("tool_shape.shaft_radius_mm is 0; must be within 0.1 .. 500")
+        );
         assert!(
             refusal(|config| config.portal_mm = Some([90.0, 90.0, 300.0]))
                 .contains("portal_mm is refused: the portal is 127.3 mm from the axis")

@@ -162,6 +162,64 @@ pub enum Error {
         /// Limit.
         limit_mm: f64,
     },
+    /// A body would pass a plane that the arm keeps to.
+    #[error(
+        "the {body} has {room_mm:.1} mm of room to the plane {plane} at {percent:.0} % of the way; limit {limit_mm:.1} mm"
+    )]
+    Workspace {
+        /// Its name.
+        plane: String,
+        /// Which body.
+        body: &'static str,
+        /// Its free room, mm; negative beyond the plane.
+        room_mm: f64,
+        /// The least, mm.
+        limit_mm: f64,
+        /// Where.
+        percent: f64,
+    },
+    /// A body would come too near to the other arm where it stands.
+    #[error("the {} comes to {mm:.1} mm from the {} of the other arm at {percent:.0} % of the way; limit {limit_mm:.1} mm", .bodies[0], .bodies[1])]
+    ArmsTooNear {
+        /// Free room less what the bodies move between samples, mm.
+        mm: f64,
+        /// Limit.
+        limit_mm: f64,
+        /// The arm's own and the other's.
+        bodies: [&'static str; 2],
+        /// Where.
+        percent: f64,
+    },
+    /// The same to the way that the other arm is on.
+    #[error("the {} would come to {mm:.1} mm from the {} of the other arm on the way that it is on, at {percent:.0} % of the way; limit {limit_mm:.1} mm", .bodies[0], .bodies[1])]
+    ArmBusyNearby {
+        /// Free room less what the bodies move between samples, mm.
+        mm: f64,
+        /// Limit.
+        limit_mm: f64,
+        /// The arm's own and the other's.
+        bodies: [&'static str; 2],
+        /// Where.
+        percent: f64,
+    },
+    /// The other arm has no link.
+    #[error("nobody knows where the other arm is: its controller is not connected")]
+    OtherArmUnknown,
+    /// Nobody stated how the arms stand to each other.
+    #[error(
+        "nobody has stated where the other arm stands: motion.layout must be measured or apart"
+    )]
+    LayoutUnknown,
+    /// A fault inside was acknowledged.
+    #[error(
+        "after {fault} the tip, {depth_mm:.3} mm beyond the portal, may only be drawn back; limit 0 mm"
+    )]
+    RetractOnly {
+        /// Reason of the fault.
+        fault: &'static str,
+        /// Measured depth.
+        depth_mm: f64,
+    },
     /// A portal where the arm itself is.
     #[error(
         "the portal is {radius_mm:.1} mm from the axis of the base; must be at least {limit_mm} mm"
@@ -235,6 +293,12 @@ impl Error {
             Self::OutOfReach { .. } => "OUT_OF_REACH",
             Self::JointLimit { .. } | Self::JointJump { .. } => "JOINT_LIMIT",
             Self::RcmDeviation { .. } => "RCM_DEVIATION",
+            Self::Workspace { .. } => "WORKSPACE",
+            Self::ArmsTooNear { .. } => "ARMS_TOO_NEAR",
+            Self::ArmBusyNearby { .. } => "ARM_BUSY_NEARBY",
+            Self::OtherArmUnknown => "OTHER_ARM_UNKNOWN",
+            Self::LayoutUnknown => "LAYOUT_UNKNOWN",
+            Self::RetractOnly { .. } => "RETRACT_ONLY",
             Self::Teaching(refusal) => refusal.reason(),
             Self::PortalInBase { .. } => "PORTAL_IN_BASE",
             Self::Cone { .. } => "CONE",
@@ -303,6 +367,41 @@ impl Error {
                 ("joint", joint.to_string()),
                 ("jump_rad", jump_rad.to_string()),
                 ("limit_rad", limit_rad.to_string()),
+            ],
+            Self::Workspace {
+                plane,
+                body,
+                room_mm,
+                limit_mm,
+                percent,
+            } => vec![
+                ("plane", plane.clone()),
+                ("body", (*body).to_owned()),
+                ("room_mm", room_mm.to_string()),
+                ("limit_mm", limit_mm.to_string()),
+                ("percent_of_way", percent.to_string()),
+            ],
+            Self::ArmsTooNear {
+                mm,
+                limit_mm,
+                bodies: [own, others],
+                percent,
+            }
+            | Self::ArmBusyNearby {
+                mm,
+                limit_mm,
+                bodies: [own, others],
+                percent,
+            } => vec![
+                ("distance_mm", mm.to_string()),
+                ("limit_mm", limit_mm.to_string()),
+                ("body", (*own).to_owned()),
+                ("other_body", (*others).to_owned()),
+                ("percent_of_way", percent.to_string()),
+            ],
+            Self::RetractOnly { fault, depth_mm } => vec![
+                ("fault_reason", (*fault).to_owned()),
+                ("depth_mm", depth_mm.to_string()),
             ],
             Self::Teaching(refusal) => refusal.metadata(),
             Self::PortalInBase {

@@ -7,13 +7,14 @@ use arthro_geometry::frame::{Base, Tool};
 use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
-use crate::plan::TURN_RADIUS_MM;
 use crate::time_law::{RateLimits, TimeLaw};
 
 /// Steps in which a line is surveyed for joint speeds.
 const SURVEY_STEPS: usize = 100;
 /// Time in which an acceleration builds up, s: jerk = acceleration / this.
 const ACCELERATION_RISE_S: f64 = 0.1;
+/// A turn of the tool is taken for at least this long a way, mm a rad: a turn on the spot is no way at all.
+const TURN_RADIUS_MM: f64 = 100.0;
 /// Ways shorter than this are no motion, mm and rad.
 const NO_MOTION: f64 = 1e-9;
 

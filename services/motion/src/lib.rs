@@ -1,13 +1,14 @@
 //! Moves the two UR5 arms of a cell: free moves outside, and pivots, insertions and retractions whose
 //! shaft stays on the portal.
 //!
-//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`free_way`], [`plan`], [`check`], [`clearance`] and
-//! [`supervisor`] decide, without I/O; [`teach`] finds portals and shafts from poses; [`arm`] is the task that owns
-//! an arm and acts; [`command`] keeps the lease and the
+//! [`kinematics`], [`rcm`], [`time_law`], [`trajectory`], [`free_way`], [`way`], [`plan`], [`sweep`], [`clearance`], [`check`] and
+//! [`supervisor`] decide, without I/O; [`teach`] finds portals and shafts from poses; [`cell`] is where the two
+//! owners see each other; [`arm`] is the task that owns an arm and acts; [`command`] keeps the lease and the
 //! remembered operations; [`server`] is the API.
 
 pub mod arm;
 pub mod bodies;
+pub mod cell;
 pub mod check;
 pub mod clearance;
 pub mod command;
@@ -16,15 +17,18 @@ pub mod controller;
 pub mod error;
 pub mod free_way;
 pub mod kinematics;
+pub mod layout;
 pub mod limits;
 pub mod plan;
 pub mod rcm;
 pub mod roll;
 pub mod server;
 pub mod supervisor;
+pub mod sweep;
 pub mod teach;
 pub mod time_law;
 pub mod trajectory;
+pub mod way;
 pub mod workspace;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -49,8 +53,9 @@ impl Service for Server {
     type Config = Config;
 
     async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
-        let forceps = config.arms.forceps.check("forceps")?;
-        let arthroscope = config.arms.arthroscope.check("arthroscope")?;
+        let mut forceps = config.arms.forceps.check("forceps")?;
+        let mut arthroscope = config.arms.arthroscope.check("arthroscope")?;
+        config.layout.seat(&mut forceps, &mut arthroscope)?;
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH)?;
         let started = Instant::now();
         let start = u64::try_from(since_1970.as_millis())?;

@@ -7,24 +7,19 @@ use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Point3, Rigid, Vector3};
 
 use crate::error::Error;
+use crate::free_way::FreeWay;
 use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
 use crate::rcm::{Placement, Portal};
 use crate::supervisor::{Observation, Regime};
-use crate::trajectory::{Trajectory, jump};
+use crate::trajectory::jump;
+use crate::way::Way;
 
 /// Steps of the check of a move outside: no longer than these, mm and rad.
 const STEP_MM: f64 = 5.0;
 const STEP_RAD: f64 = 0.02;
 /// A joint that moves farther in one such step jumps.
 const JUMP_RAD: f64 = 0.3;
-/// A turn of the tool is taken for at least this long a way, mm a rad: it bounds the turning of a move on
-/// the spot.
-pub const TURN_RADIUS_MM: f64 = 100.0;
-/// What a straight move may use of the joint speed limit: the rest is for the arm's tracking.
-const LINE_JOINT_SHARE: f64 = 0.85;
-/// No straight move is slower, mm/s.
-const LINE_SPEED_MIN_MM_S: f64 = 1.0;
 /// A wider turn is so near to half a turn that the way round it is a matter of rounding, rad.
 const TURN_MAX_RAD: f64 = std::f64::consts::PI - 0.01;
 
@@ -92,28 +87,11 @@ pub enum Aim {
 
 /// A move that may begin.
 #[derive(Clone, Debug)]
-pub enum Plan {
-    /// Streamed joint by joint.
-    Stream {
-        /// What is streamed.
-        trajectory: Box<Trajectory>,
-        /// Inward or outward.
-        regime: Regime,
-    },
-    /// A straight line outside.
-    Line {
-        /// Tool pose at the end.
-        base_from_tool: Rigid<Base, Tool>,
-        /// Tip speed, mm/s.
-        speed_mm_s: f64,
-    },
-    /// All joints in common time, outside.
-    Joints {
-        /// At the end, rad.
-        joints_rad: Joints,
-        /// Speed of the leading joint, rad/s.
-        speed_rad_s: f64,
-    },
+pub struct Plan {
+    /// What is streamed, joint by joint.
+    pub way: Way,
+    /// Which rules hold on it.
+    pub regime: Regime,
 }
 
 /// What a move is planned from.
@@ -185,7 +163,6 @@ impl Situation<'_> {
             .ceil()
             .max(1.0) as usize;
         let mut before = *self.joints_rad;
-        let mut fastest_joint_rad = 0.0_f64;
         for step in 1..=steps {
             let s = step as f64 / steps as f64;
             let tip = start.origin() + (end.origin() - start.origin()) * s;
@@ -197,19 +174,11 @@ impl Situation<'_> {
             if step_rad > JUMP_RAD {
                 return Err(jump(joint, step_rad, s));
             }
-            fastest_joint_rad = fastest_joint_rad.max(step_rad * steps as f64);
             before = joints;
         }
-        // The controller keeps the tip's speed, not the joints': where a joint turns much on a short
-        // way the tip must go slower. `fastest_joint_rad` is its turn if the whole way were like that.
-        let way_mm = length_mm.max(turn_rad * TURN_RADIUS_MM);
-        let joints_allow_mm_s =
-            LINE_JOINT_SHARE * self.limits.joint_speed_rad_s * way_mm / fastest_joint_rad.max(1e-9);
-        let wanted_mm_s = speed_mm_s.unwrap_or(self.limits.free_speed_mm_s);
-        Ok(Plan::Line {
-            base_from_tool: *end,
-            speed_mm_s: wanted_mm_s.min(joints_allow_mm_s).max(LINE_SPEED_MIN_MM_S),
-        })
+        let speed_mm_s = speed_mm_s.unwrap_or(self.limits.free_speed_mm_s);
+        let way = FreeWay::line(*self.arm, self.joints_rad, *end, speed_mm_s, self.limits)?;
+        Ok(outside(way))
     }
 
     fn plan_joints(&self, end: &Joints, speed_rad_s: Option<f64>) -> Result<Plan, Error> {
@@ -225,10 +194,9 @@ impl Situation<'_> {
                 std::array::from_fn(|i| self.joints_rad[i] + (end[i] - self.joints_rad[i]) * s);
             self.must_stay_outside(&self.arm.base_from_tool(&joints))?;
         }
-        Ok(Plan::Joints {
-            joints_rad: *end,
-            speed_rad_s: speed_rad_s.unwrap_or(self.limits.joint_speed_rad_s),
-        })
+        let speed_rad_s = speed_rad_s.unwrap_or(self.limits.joint_speed_rad_s);
+        let way = FreeWay::joints(*self.arm, self.joints_rad, end, speed_rad_s, self.limits)?;
+        Ok(outside(way))
     }
 
     fn must_be_outside(&self) -> Result<(), Error> {
@@ -257,5 +225,12 @@ impl Situation<'_> {
                 Unreachable::OutOfReach => Error::OutOfReach { percent },
                 Unreachable::JointLimit => Error::JointLimit { percent },
             })
+    }
+}
+
+fn outside(way: FreeWay) -> Plan {
+    Plan {
+        way: Way::Outside(Box::new(way)),
+        regime: Regime::Outside,
     }
 }

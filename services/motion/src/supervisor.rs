@@ -1,28 +1,55 @@
 //! The watch over one arm: every controller cycle it judges what was measured, never what was
 //! commanded, and says why an arm must stop.
 
+mod other_arm;
+mod rules;
+
 use arthro_geometry::frame::{Base, Tool};
-use arthro_geometry::{Point3, Rigid};
+use arthro_geometry::nalgebra::Unit;
+use arthro_geometry::{Point3, Rigid, Vector3};
 use ur_link::{RobotMode, SafetyMode};
 
+use self::other_arm::OtherArm;
+use crate::bodies::Bodies;
+use crate::cell::{Berth, Present};
+use crate::clearance::Keep;
 use crate::kinematics::{Joints, ToolArm};
 use crate::limits::Limits;
-use crate::rcm::Placement;
+use crate::rcm::{Placement, Turn, shaft};
+use crate::workspace::least_room;
 
-/// A measured tip may be this much deeper than the deepest commanded one, mm.
-const DEPTH_TOLERANCE_MM: f64 = 0.5;
-/// A measured joint may be this much faster than the fastest planned one.
-const SPEED_TOLERANCE: f64 = 1.2;
+/// A deviation this much below the limit of the warning ends the episode.
+const WARNING_ENDS: f64 = 0.8;
+/// What an arm that is beyond a plane or too near to the other may still lose of its room once that was
+/// acknowledged, mm: measurement and the stop ramp.
+const ROOM_SLACK_MM: f64 = 1.0;
+/// The step in time by which the speed of the tip is taken from the joint speeds, s.
+const SPEED_STEP_S: f64 = 1e-4;
 
-/// One arm's watch. It remembers whether the tip is inside and when the last state came.
+/// One arm's watch. It remembers whether the tip is inside, when the last state came, and what was acknowledged.
 #[derive(Clone, Debug)]
 pub struct Supervisor {
     arm: ToolArm,
     limits: Limits,
+    berth: Berth,
     inside: bool,
-    last_time_s: Option<f64>,
+    last: Option<Last>,
+    /// Of states.
+    number: u64,
+    other: OtherArm,
     /// A deviation that the operator has acknowledged: the shaft may be drawn back along its own line.
     acknowledged_mm: f64,
+    /// Room to the planes that the arm must keep, mm: 0 unless it was beyond one and that was acknowledged.
+    plane_room_mm: f64,
+    /// The shaft was beyond the warning limit and has not come back clearly below it.
+    warned: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    time_s: f64,
+    safety_mode: SafetyMode,
+    bodies: Bodies,
 }
 
 /// What the arm is doing, as far as the rules differ.
@@ -64,6 +91,16 @@ pub struct Observation {
     pub inside: bool,
     /// Controller time since the state before, s.
     pub gap_s: f64,
+    /// In the arm's base.
+    pub bodies: Bodies,
+    /// Speed of the tip, from measured joint speeds, mm/s.
+    pub tip_speed_mm_s: f64,
+    /// The shaft's angle to the axis of the portal, if it has one, rad.
+    pub cone_rad: Option<f64>,
+    /// The safety mode of the state before, if it was another one.
+    pub safety_mode_before: Option<SafetyMode>,
+    /// The shaft is off the portal by more than the limit of the warning, mm.
+    pub warning_mm: Option<f64>,
 }
 
 /// Why the arm must stop.
@@ -77,20 +114,32 @@ pub struct Breach {
 
 impl Supervisor {
     /// Nothing measured yet.
-    pub fn new(arm: ToolArm, limits: Limits) -> Self {
+    pub fn new(arm: ToolArm, limits: Limits, berth: Berth) -> Self {
+        let keep = Keep::of(&limits);
         Self {
             arm,
             limits,
+            berth,
             inside: false,
-            last_time_s: None,
+            last: None,
+            number: 0,
+            other: OtherArm::new(keep),
             acknowledged_mm: 0.0,
+            plane_room_mm: 0.0,
+            warned: false,
         }
     }
 
-    /// Takes in a new measurement.
+    /// Takes in a new measurement, tells the other arm of it and looks at the other arm.
     ///
     /// Once inside, the tip counts as inside until it is drawn back, however far the shaft strays.
-    pub fn observe(&mut self, measured: &Measured, portal: Option<&Point3>) -> Observation {
+    /// `axis` is that of the portal, into the joint: the middle of the cone that the shaft keeps to.
+    pub fn observe(
+        &mut self,
+        measured: &Measured,
+        portal: Option<&Point3>,
+        axis: Option<&Unit<Vector3>>,
+    ) -> Observation {
         let base_from_tool = self.arm.base_from_tool(&measured.joints_rad);
         let placement = portal.map(|portal| Placement::of(&base_from_tool, portal));
         self.inside = placement.is_some_and(|placement| {
@@ -100,145 +149,97 @@ impl Supervisor {
         if !self.inside {
             self.acknowledged_mm = 0.0;
         }
-        let gap_s = self
-            .last_time_s
-            .map_or(0.0, |last_time_s| measured.time_s - last_time_s);
-        self.last_time_s = Some(measured.time_s);
+        let warning_mm = self.warning_mm(placement.as_ref());
+        let bodies = self.berth.bodies(&measured.joints_rad, &base_from_tool);
+        let gap_s = self.last.map_or(0.0, |last| measured.time_s - last.time_s);
+        let safety_mode_before = self
+            .last
+            .map(|last| last.safety_mode)
+            .filter(|before| *before != measured.safety_mode);
+        self.tell(&bodies, gap_s);
+        let common = self.berth.in_common(&bodies);
+        self.other.look(&self.berth, &common, measured.time_s);
+        let room_mm = least_room(&self.limits.planes, &base_from_tool.origin(), &bodies);
+        if room_mm.is_none_or(|least| least.room_mm >= 0.0) {
+            self.plane_room_mm = 0.0;
+        }
+        self.last = Some(Last {
+            time_s: measured.time_s,
+            safety_mode: measured.safety_mode,
+            bodies,
+        });
         Observation {
             base_from_tool,
             placement,
             inside: self.inside,
             gap_s,
+            bodies,
+            tip_speed_mm_s: self.tip_speed_mm_s(measured, &base_from_tool),
+            cone_rad: axis.map(|axis| Turn::between(axis, &shaft(&base_from_tool)).angle_rad),
+            safety_mode_before,
+            warning_mm,
         }
     }
 
-    /// The first rule that is broken, the most severe first.
-    pub fn check(
-        &self,
-        regime: Regime,
-        measured: &Measured,
-        seen: &Observation,
-    ) -> Result<(), Breach> {
-        self.check_controller(measured)?;
-        let moving = regime != Regime::Standing;
-        if moving && !(0.0..=self.limits.stale_s).contains(&seen.gap_s) {
-            return Err(breach(
-                "STATE_STALE",
-                "controller time since the state before",
-                seen.gap_s,
-                self.limits.stale_s,
-                "s",
-            ));
-        }
-        self.check_portal(regime, seen)?;
-        let speed_limit = SPEED_TOLERANCE * self.limits.joint_speed_rad_s;
-        for (joint, speed) in (1..).zip(measured.joint_speeds_rad_s) {
-            // A NaN is in no range.
-            if !(..=speed_limit).contains(&speed.abs()) {
-                let what = format!("speed of joint {joint}");
-                return Err(breach(
-                    "JOINT_SPEED",
-                    &what,
-                    speed.abs(),
-                    speed_limit,
-                    "rad/s",
-                ));
-            }
-        }
-        Ok(())
-    }
-
-    /// Lets a shaft that is off the portal be drawn back, after its fault was acknowledged.
+    /// Lets an arm go on from where it is, once its operator has acknowledged that: a shaft that is off the
+    /// portal may be drawn back, an arm beyond a plane or too near to the other may move away from it.
     pub fn acknowledge(&mut self, seen: &Observation) {
         if let Some(placement) = seen.placement.filter(|_| seen.inside) {
             self.acknowledged_mm = placement.deviation_mm();
         }
+        let tip = seen.base_from_tool.origin();
+        if let Some(least) = least_room(&self.limits.planes, &tip, &seen.bodies) {
+            self.plane_room_mm = (least.room_mm - ROOM_SLACK_MM).min(0.0);
+        }
+        self.other.acknowledge(ROOM_SLACK_MM);
     }
 
     /// A gap in the states is over, such as that of a new link.
     pub fn forget_time(&mut self) {
-        self.last_time_s = None;
+        self.last = None;
+        self.other.forget_time();
     }
 
-    /// Rules about the controller, which hold whatever the arm does.
-    fn check_controller(&self, measured: &Measured) -> Result<(), Breach> {
-        if !measured.safety_mode.allows_motion() {
-            return Err(Breach {
-                reason: "SAFETY_MODE",
-                detail: format!(
-                    "safety mode is {}; must be NORMAL or REDUCED",
-                    measured.safety_mode
-                ),
-            });
-        }
-        if measured.robot_mode != RobotMode::Running {
-            return Err(Breach {
-                reason: "ROBOT_MODE",
-                detail: format!("robot mode is {}; must be RUNNING", measured.robot_mode),
-            });
-        }
-        // A NaN fails every comparison and would pass every limit.
-        if !measured.joints_rad.iter().all(|joint| joint.is_finite()) {
-            return Err(Breach {
-                reason: "STATE_UNKNOWN",
-                detail: "a measured joint is no number".to_owned(),
-            });
-        }
-        Ok(())
+    /// The free room to the other arm that a move must keep now.
+    pub fn keep(&self) -> Keep {
+        self.other.keep()
     }
 
-    /// Rules about the portal.
-    fn check_portal(&self, regime: Regime, seen: &Observation) -> Result<(), Breach> {
-        let Some(placement) = seen.placement.filter(|_| seen.inside) else {
-            return Ok(());
+    /// The free room to the planes that a move must keep now, mm.
+    pub fn plane_room_mm(&self) -> f64 {
+        self.plane_room_mm
+    }
+
+    fn tell(&mut self, bodies: &Bodies, gap_s: f64) {
+        self.number += 1;
+        let speed_mm_s = match self.last {
+            Some(last) if gap_s > 0.0 => last.bodies.moved_mm(bodies) / gap_s,
+            _ => 0.0,
         };
-        if regime == Regime::Outside {
-            return Err(breach(
-                "TOOL_INSIDE",
-                "depth beyond the portal in a move outside",
-                placement.depth_mm,
-                0.0,
-                "mm",
-            ));
-        }
-        let rcm_limit = self.rcm_limit_mm();
-        if placement.deviation_mm() > rcm_limit {
-            return Err(breach(
-                "RCM_DEVIATION",
-                "distance of the shaft to the portal",
-                placement.deviation_mm(),
-                rcm_limit,
-                "mm",
-            ));
-        }
-        let depth_limit = self.limits.depth_max_mm + DEPTH_TOLERANCE_MM;
-        if regime == Regime::Inward && placement.depth_mm > depth_limit {
-            return Err(breach(
-                "TOO_DEEP",
-                "depth beyond the portal",
-                placement.depth_mm,
-                depth_limit,
-                "mm",
-            ));
-        }
-        Ok(())
+        self.berth.tell(Present {
+            number: self.number,
+            bodies: self.berth.in_common(bodies),
+            speed_mm_s,
+        });
     }
 
-    /// The stop limit; after an acknowledged breach half of it beyond the deviation acknowledged.
-    fn rcm_limit_mm(&self) -> f64 {
-        let stop_mm = self.limits.rcm_stop_mm;
-        if self.acknowledged_mm > 0.0 {
-            stop_mm.max(self.acknowledged_mm + 0.5 * stop_mm)
-        } else {
-            stop_mm
-        }
+    fn warning_mm(&mut self, placement: Option<&Placement>) -> Option<f64> {
+        let deviation_mm = placement
+            .filter(|_| self.inside)
+            .map_or(0.0, Placement::deviation_mm);
+        let limit_mm = self.limits.rcm_warn_mm;
+        self.warned =
+            deviation_mm > limit_mm || (self.warned && deviation_mm > WARNING_ENDS * limit_mm);
+        self.warned.then_some(deviation_mm)
     }
-}
 
-fn breach(reason: &'static str, what: &str, value: f64, limit: f64, unit: &str) -> Breach {
-    Breach {
-        reason,
-        detail: format!("{what} is {value:.3} {unit}; limit {limit:.3} {unit}"),
+    /// By a small step along the measured joint speeds.
+    fn tip_speed_mm_s(&self, measured: &Measured, base_from_tool: &Rigid<Base, Tool>) -> f64 {
+        let ahead: Joints = std::array::from_fn(|i| {
+            measured.joints_rad[i] + measured.joint_speeds_rad_s[i] * SPEED_STEP_S
+        });
+        let tip = self.arm.base_from_tool(&ahead).origin();
+        (tip - base_from_tool.origin()).norm() / SPEED_STEP_S
     }
 }
 

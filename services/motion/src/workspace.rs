@@ -131,8 +131,9 @@ mod tests {
     use arthro_geometry::{Rigid, Rotation};
 
     use super::*;
-    use crate::bodies::{ArmShape, Links, ToolShape};
+    use crate::bodies::{ArmShape, ToolShape};
     use crate::kinematics::ToolArm;
+    use crate::kinematics::model::Model;
 
     const JOINTS: [f64; 6] = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
@@ -147,14 +148,14 @@ mod tests {
 
     fn room(plane: Plane) -> (f64, &'static str) {
         let arm = ToolArm::new(
-            crate::kinematics::model::Model::ur5(),
+            Model::ur5(),
             Rigid::new(
                 Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
                 Vector3::new(0.0, 0.0, 310.0),
             ),
         );
         let pose = arm.base_from_tool(&JOINTS);
-        let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+        let shape = ArmShape::new(&arm, ToolShape::default());
         let bodies = shape.bodies(&JOINTS, &pose);
         let planes = [plane];
         let beyond = least_room(&planes, &pose.origin(), &bodies).unwrap();
@@ -214,8 +215,8 @@ mod tests {
     }
 
     fn bodies_at_origin() -> Bodies {
-        let arm = ToolArm::new(crate::kinematics::model::Model::ur5(), Rigid::identity());
-        let shape = ArmShape::new(&arm, Links::UR5, ToolShape::default());
+        let arm = ToolArm::new(Model::ur5(), Rigid::identity());
+        let shape = ArmShape::new(&arm, ToolShape::default());
         shape.bodies(&JOINTS, &Rigid::identity())
     }
 }

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use arthro_bootstrap::Service;
 use arthro_gateway::config::{Calibration, Jaw, Pose};
 use arthro_geometry::{Point3, Vector3};
+use arthro_motion::config::ToolMount;
+use arthro_motion::layout::Layout;
 use arthro_simulator::scenario::{Scenario, SystemView};
 use serde::Serialize;
 use toml::{Table, Value};
@@ -71,7 +73,14 @@ impl Configuration {
         };
         let view = scenario.system_view();
         let flange_from_tool = Pose::of(&view.flange_from_tool);
-        let mut motion = arthro_motion::config::Config::default();
+        let base = Pose::of(&view.forceps_base_from_arthroscope_base);
+        let mut motion = arthro_motion::config::Config {
+            layout: Layout::Measured(ToolMount {
+                translation_mm: base.translation_mm,
+                rotation_wxyz: base.rotation,
+            }),
+            ..Default::default()
+        };
         for (arm, host) in [
             (&mut motion.arms.forceps, forceps),
             (&mut motion.arms.arthroscope, arthroscope),

@@ -4,8 +4,9 @@ use std::fmt::Write as _;
 
 use arthro_proto::gateway::v1::{GetReportResponse, Step, StepKind};
 
-/// Colours of steps (a) to (h).
-const COLORS: [(StepKind, &str, &str); 8] = [
+/// Colours of the view and of steps (a) to (h).
+const COLORS: [(StepKind, &str, &str); 9] = [
+    (StepKind::View, "view", "#b7b7b7"),
     (StepKind::Approach, "approach", "#9db4d6"),
     (StepKind::Pivot, "pivot", "#5f87c2"),
     (StepKind::Insert, "insert", "#2a62c9"),

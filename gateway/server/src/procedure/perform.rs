@@ -2,15 +2,22 @@
 
 use std::sync::Arc;
 
-use arthro_geometry::Point3;
+use arthro_geometry::{Point3, Vector3};
 
 use crate::cases::Approved;
 use crate::clients::motion::{Arm, ArmState, Move, MoveProgress};
 use crate::clients::{Acted, Clients, Failure};
 use crate::config::Cell;
 use crate::procedure::lease::Command;
-use crate::procedure::poses::{self, BitePose, OUTSIDE_DEPTH_MM, PoseError, Poses};
+use crate::procedure::poses::{
+    self, BitePose, OUTSIDE_DEPTH_MM, PoseError, Poses, VIEW_DEPTH_MIN_MM, ViewPose,
+};
 use crate::procedure::steps::{BiteOutcome, Kind, Planned};
+
+/// A tip that moves no farther goes to its next view inside, mm; planning keeps most of them so near.
+const NEAR_VIEW_MM: f64 = 10.0;
+/// Depths nearer than this are one, mm.
+const SAME_DEPTH_MM: f64 = 0.1;
 
 /// The arms and drives under the gateway's command, and where they shall go.
 pub struct Performer {
@@ -147,6 +154,7 @@ impl Performer {
         };
         match planned.kind {
             Kind::Prepare => step.prepare().await,
+            Kind::View => step.view(planned).await,
             Kind::Approach => step.approach().await,
             Kind::Pivot => step.pivot(planned).await,
             Kind::Insert => step.insert(planned).await,
@@ -168,6 +176,14 @@ impl Performer {
         self.poses.as_ref().ok_or(StepError::NoPlan(kind))
     }
 
+    fn view_pose(&self, planned: Planned) -> Result<(u32, ViewPose), StepError> {
+        let missing = || StepError::NoPlan(planned.kind);
+        let bite = planned.bite.ok_or_else(missing)?;
+        let poses = self.poses(planned.kind)?;
+        let view = poses.views.get(bite as usize).ok_or_else(missing)?;
+        Ok((bite, *view))
+    }
+
     fn bite_pose(&self, planned: Planned) -> Result<(u32, BitePose), StepError> {
         let missing = || StepError::NoPlan(planned.kind);
         let bite = planned.bite.ok_or_else(missing)?;
@@ -185,7 +201,7 @@ struct Performing<'a> {
 }
 
 impl Performing<'_> {
-    /// Drives referenced, portals stated, forceps over the tray with its jaw open, arthroscope at its view.
+    /// Drives referenced, portals stated, forceps over the tray with its jaw open, arthroscope in front of its portal.
     async fn prepare(&mut self) -> Result<Performed, StepError> {
         let performer = self.performer;
         let poses = performer.poses(Kind::Prepare)?;
@@ -210,12 +226,39 @@ impl Performing<'_> {
             tip: entry.outside_tip,
         };
         self.move_arm(Arm::Arthroscope, at_portal).await?;
-        let aim = poses.view_aim;
+        Ok(Performed::default())
+    }
+
+    /// From wherever the arthroscope stands on its portal: back first, then the turn, then in. A near view is turned to at
+    /// the lesser of both depths; a far one from just inside the portal, where a turn moves the tip little.
+    async fn view(&mut self, planned: Planned) -> Result<Performed, StepError> {
+        let (bite, view) = self.performer.view_pose(planned)?;
+        let portal = self.performer.cell.arthroscope_portal;
+        let measured = self.performer.measured(Arm::Arthroscope).await?;
+        let tip = measured.base_from_tool.origin();
+        let depth_mm = (tip - portal).dot(&measured.base_from_tool.direction(&Vector3::x()));
+        let turn_mm = if (view.tip(&portal) - tip).norm() > NEAR_VIEW_MM {
+            VIEW_DEPTH_MIN_MM
+        } else {
+            view.depth_mm
+        };
+        let mut depth_mm = depth_mm;
+        if depth_mm > turn_mm + SAME_DEPTH_MM {
+            depth_mm = turn_mm;
+            self.move_arm(Arm::Arthroscope, Move::Retract { depth_mm })
+                .await?;
+        }
+        let aim = view.aim;
         self.move_arm(Arm::Arthroscope, Move::Pivot { aim }).await?;
-        let depth_mm = poses.view_depth_mm;
-        self.move_arm(Arm::Arthroscope, Move::Insert { depth_mm })
-            .await?;
-        Ok(told(format!("arthroscope {depth_mm:.1} mm inside")))
+        if view.depth_mm > depth_mm + SAME_DEPTH_MM {
+            let depth_mm = view.depth_mm;
+            self.move_arm(Arm::Arthroscope, Move::Insert { depth_mm })
+                .await?;
+        }
+        Ok(told(format!(
+            "arthroscope {:.1} mm inside, at its view of bite {bite}",
+            view.depth_mm
+        )))
     }
 
     async fn approach(&mut self) -> Result<Performed, StepError> {

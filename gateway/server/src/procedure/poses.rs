@@ -11,12 +11,13 @@ use nalgebra::{Matrix3, Rotation3};
 
 use crate::cases::case::{Plan, Registration};
 use crate::config::Cell;
-use crate::procedure::watching::{Shaft, roomiest};
 
 /// Depth of the tip before it goes in and after it came out, mm.
 pub const OUTSIDE_DEPTH_MM: f64 = -5.0;
 /// The arthroscope goes in at least this far, mm.
 pub const VIEW_DEPTH_MIN_MM: f64 = 5.0;
+/// Views nearer than this to each other are one view, mm: they keep more room to the forceps than this.
+const SAME_VIEW_MM: f64 = 0.5;
 /// Below this length a direction is taken as undefined, mm.
 const UNDEFINED_MM: f64 = 1e-6;
 
@@ -29,11 +30,17 @@ pub struct Poses {
     pub arthroscope: Entry,
     /// The bites in order, in the forceps arm's base.
     pub bites: Vec<BitePose>,
-    /// What the arthroscope's shaft aims at, in its arm's base: the roomiest of the plan's views, or, without
-    /// views, the middle of the bites.
-    pub view_aim: Point3,
-    /// How far the arthroscope goes in, mm.
-    pub view_depth_mm: f64,
+    /// How the arthroscope watches each bite: as planned, or, without views, all from one place.
+    pub views: Vec<ViewPose>,
+}
+
+/// How the arthroscope watches a bite, in its arm's base.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewPose {
+    /// What its shaft aims at: the planned tip, or, without views, the middle of the bites.
+    pub aim: Point3,
+    /// How far it goes in, mm.
+    pub depth_mm: f64,
 }
 
 /// How an arm stands at its portal, in its own base.
@@ -95,42 +102,61 @@ impl Poses {
         let middle = middle_of(&bites).ok_or(PoseError::NoBites)?;
         let arthroscope_from_forceps = arthroscope_from_forceps(cell);
         let portal = cell.arthroscope_portal;
-        let tips: Vec<Point3> = plan
+        let mut views: Vec<ViewPose> = plan
             .views
             .iter()
-            .map(|view| arthroscope_from_forceps * (base_from_ct * view.tip))
-            .collect();
-        let forceps: Vec<Shaft> = bites
-            .iter()
-            .map(|bite| Shaft {
-                portal: arthroscope_from_forceps * cell.forceps_portal,
-                tip: arthroscope_from_forceps * bite.center,
+            .map(|view| {
+                let tip = arthroscope_from_forceps * (base_from_ct * view.tip);
+                ViewPose {
+                    aim: tip,
+                    depth_mm: (tip - portal).norm(),
+                }
             })
             .collect();
-        let (view_aim, view_depth_mm) = match roomiest(&tips, portal, &forceps) {
-            Some(tip) => (tip, (tip - portal).norm()),
-            None => {
-                let aim = arthroscope_from_forceps * middle;
-                let depth_mm = (aim - portal).norm() - cell.view_distance_mm;
-                (aim, depth_mm.max(VIEW_DEPTH_MIN_MM))
-            }
-        };
+        if views.iter().any(|view| view.depth_mm < UNDEFINED_MM) {
+            return Err(PoseError::AtPortal("arthroscope"));
+        }
+        if views.is_empty() {
+            let aim = arthroscope_from_forceps * middle;
+            let depth_mm = (aim - portal).norm() - cell.view_distance_mm;
+            let depth_mm = depth_mm.max(VIEW_DEPTH_MIN_MM);
+            views = vec![ViewPose { aim, depth_mm }; bites.len()];
+        }
+        let aims = views.iter().map(|view| view.aim.coords);
+        let middle_of_views = Point3::from(aims.sum::<Vector3>() / views.len() as f64);
         Ok(Self {
             forceps: Entry::towards(middle, cell.forceps_portal)
                 .ok_or(PoseError::AtPortal("forceps"))?,
-            arthroscope: Entry::towards(view_aim, cell.arthroscope_portal)
+            arthroscope: Entry::towards(middle_of_views, portal)
                 .ok_or(PoseError::AtPortal("arthroscope"))?,
             bites,
-            view_aim,
-            view_depth_mm,
+            views,
         })
     }
 
+    /// Whether each bite is watched from another place than the one that the arthroscope then stands at.
+    pub fn view_moves(&self) -> Vec<bool> {
+        let mut stands: Option<Point3> = None;
+        let portal = &self.arthroscope.portal;
+        self.views
+            .iter()
+            .map(|view| {
+                let tip = view.tip(portal);
+                let moves = stands.is_none_or(|stands| (tip - stands).norm() > SAME_VIEW_MM);
+                if moves {
+                    stands = Some(tip);
+                }
+                moves
+            })
+            .collect()
+    }
+}
+
+impl ViewPose {
     /// Where the arthroscope's tip stands while it looks, in its arm's base.
-    pub fn view_tip(&self) -> Point3 {
-        let portal = self.arthroscope.portal;
-        let direction = self.view_aim - portal;
-        portal + direction * (self.view_depth_mm / direction.norm())
+    pub fn tip(&self, portal: &Point3) -> Point3 {
+        let direction = self.aim - portal;
+        portal + direction * (self.depth_mm / direction.norm())
     }
 }
 
@@ -289,28 +315,50 @@ mod tests {
     #[test]
     fn the_arthroscope_stays_its_view_distance_short_of_the_bites() {
         let poses = poses();
-        let gap = (poses.view_aim - poses.view_tip()).norm();
+        let view = poses.views[0];
+        assert_eq!(poses.views, [view; 2]);
+        assert_eq!(poses.view_moves(), [true, false]);
+        let gap = (view.aim - view.tip(&poses.arthroscope.portal)).norm();
         assert!((gap - 20.0).abs() < 1e-9, "{gap}");
         // Both bases describe the same place.
         let middle = nalgebra::center(&poses.bites[0].center, &poses.bites[1].center);
-        let back = cell().forceps_base_from_arthroscope_base * poses.view_aim;
+        let back = cell().forceps_base_from_arthroscope_base * view.aim;
         assert!((back - middle).norm() < 1e-9);
     }
 
     #[test]
-    fn the_arthroscope_stands_where_a_view_of_the_plan_has_it() {
-        let mut plan = plan(&[[53.0, 48.0, 61.0], [54.0, 53.0, 36.0]]);
+    fn the_arthroscope_stands_where_the_view_of_each_bite_has_it() {
+        let mut plan = plan(&[[53.0, 48.0, 61.0], [54.0, 53.0, 36.0], [54.0, 53.0, 35.0]]);
         let view = |x| View {
             tip: Point3::new(x, 52.0, 60.0),
             approach: Vector3::x(),
             roll_rad: 0.0,
         };
-        plan.views = vec![view(60.0), view(60.0)];
+        plan.views = vec![view(60.0), view(60.4), view(61.0)];
         let poses = Poses::of(&plan, &registration(), &cell()).unwrap();
         // camera: 1.01 * (60, 52, 60) + (-50, -40, 240) = (10.6, 12.52, 300.6); base: x + 750, -y, 550 - z.
         let expected = Point3::new(760.6, -12.52, 249.4);
-        let tip = cell().forceps_base_from_arthroscope_base * poses.view_tip();
+        let tip = poses.views[0].tip(&cell().arthroscope_portal);
+        let tip = cell().forceps_base_from_arthroscope_base * tip;
         assert!((tip - expected).norm() < 1e-9, "{tip}");
+        // Each is held against where the arthroscope stands, so that small differences do not add up.
+        assert_eq!(poses.view_moves(), [true, false, true]);
+    }
+
+    #[test]
+    fn a_view_on_the_portal_leaves_the_arthroscope_without_a_direction() {
+        let mut on_portal = plan(&[[53.0, 48.0, 61.0]]);
+        let base_from_ct = base_from_ct(&registration(), &cell());
+        let in_forceps = cell().forceps_base_from_arthroscope_base * cell().arthroscope_portal;
+        on_portal.views = vec![View {
+            tip: base_from_ct.inverse() * in_forceps,
+            approach: Vector3::x(),
+            roll_rad: 0.0,
+        }];
+        assert_eq!(
+            Poses::of(&on_portal, &registration(), &cell()),
+            Err(PoseError::AtPortal("arthroscope"))
+        );
     }
 
     #[test]
@@ -319,7 +367,7 @@ mod tests {
         near.view_distance_mm = 200.0;
         let plan = plan(&[[53.0, 48.0, 61.0]]);
         let poses = Poses::of(&plan, &registration(), &near).unwrap();
-        assert_eq!(poses.view_depth_mm, VIEW_DEPTH_MIN_MM);
+        assert_eq!(poses.views[0].depth_mm, VIEW_DEPTH_MIN_MM);
     }
 
     #[test]

@@ -31,13 +31,14 @@ pub struct Recovery {
     pub steps: Vec<Planned>,
 }
 
-/// What `action` leads to, given the journal so far. `None` when there is no bite to hold as done.
+/// What `action` leads to, given the journal so far and which bites of the plan have a view of their own (see
+/// [`steps::from_bite`]). `None` when there is no bite to hold as done.
 pub fn decide(
     action: Action,
     journal: &[Step],
     next_bite: u32,
     bites_done: u32,
-    bites_planned: u32,
+    views: &[bool],
 ) -> Option<Recovery> {
     match action {
         Action::Withdraw => Some(Recovery {
@@ -45,12 +46,12 @@ pub fn decide(
             bites_done,
             steps: steps::retreat(),
         }),
-        Action::RepeatBite => Some(going_on(next_bite, bites_planned)),
+        Action::RepeatBite => Some(going_on(next_bite, views)),
         Action::MarkDone => {
             let was_begun = journal
                 .iter()
                 .any(|step| step.planned.bite == Some(next_bite));
-            was_begun.then(|| going_on(next_bite + 1, bites_planned))
+            was_begun.then(|| going_on(next_bite + 1, views))
         }
     }
 }
@@ -60,9 +61,9 @@ pub fn in_doubt(step: &Step) -> bool {
     step.planned.kind == Kind::Bite && step.state == StepState::InDoubt
 }
 
-fn going_on(next_bite: u32, bites_planned: u32) -> Recovery {
+fn going_on(next_bite: u32, views: &[bool]) -> Recovery {
     let mut steps = vec![around(Kind::Retract)];
-    steps.extend(steps::from_bite(next_bite, bites_planned));
+    steps.extend(steps::from_bite(next_bite, views));
     Recovery {
         next_bite,
         bites_done: next_bite,
@@ -102,35 +103,36 @@ mod tests {
     #[test]
     fn every_recovery_begins_with_a_retract_of_both_arms() {
         for action in Action::ALL {
-            let recovery = decide(*action, &in_second_bite(), 1, 1, 3).unwrap();
+            let recovery = decide(*action, &in_second_bite(), 1, 1, &[true; 3]).unwrap();
             assert_eq!(recovery.steps[0], around(Kind::Retract), "{action}");
         }
     }
 
     #[test]
     fn repeating_goes_on_with_the_interrupted_bite() {
-        let recovery = decide(Action::RepeatBite, &in_second_bite(), 1, 1, 3).unwrap();
+        let recovery = decide(Action::RepeatBite, &in_second_bite(), 1, 1, &[true; 3]).unwrap();
         assert_eq!((recovery.next_bite, recovery.bites_done), (1, 1));
         assert_eq!(recovery.steps[1], around(Kind::Prepare));
+        assert_eq!(recovery.steps[2].kind, Kind::View);
         assert_eq!(recovery.steps[2].bite, Some(1));
     }
 
     #[test]
     fn repeating_a_finished_bite_does_not_count_it_as_done() {
-        let recovery = decide(Action::RepeatBite, &in_second_bite(), 1, 2, 3).unwrap();
+        let recovery = decide(Action::RepeatBite, &in_second_bite(), 1, 2, &[true; 3]).unwrap();
         assert_eq!(recovery.bites_done, 1);
     }
 
     #[test]
     fn marking_done_goes_on_with_the_next_bite() {
-        let recovery = decide(Action::MarkDone, &in_second_bite(), 1, 1, 3).unwrap();
+        let recovery = decide(Action::MarkDone, &in_second_bite(), 1, 1, &[true; 3]).unwrap();
         assert_eq!((recovery.next_bite, recovery.bites_done), (2, 2));
         assert_eq!(recovery.steps[2].bite, Some(2));
     }
 
     #[test]
     fn marking_the_last_bite_done_leaves_only_the_withdrawal() {
-        let recovery = decide(Action::MarkDone, &in_second_bite(), 1, 1, 2).unwrap();
+        let recovery = decide(Action::MarkDone, &in_second_bite(), 1, 1, &[true; 2]).unwrap();
         assert_eq!(
             recovery.steps,
             [around(Kind::Retract), around(Kind::Withdraw)]
@@ -140,12 +142,12 @@ mod tests {
     #[test]
     fn a_bite_that_was_not_begun_cannot_be_marked_done() {
         let journal = journal(&[(Kind::Prepare, None, StepState::Failed)]);
-        assert_eq!(decide(Action::MarkDone, &journal, 0, 0, 3), None);
+        assert_eq!(decide(Action::MarkDone, &journal, 0, 0, &[true; 3]), None);
     }
 
     #[test]
     fn withdrawing_bites_no_more() {
-        let recovery = decide(Action::Withdraw, &in_second_bite(), 1, 1, 3).unwrap();
+        let recovery = decide(Action::Withdraw, &in_second_bite(), 1, 1, &[true; 3]).unwrap();
         assert_eq!(recovery.steps, steps::retreat());
         assert_eq!(recovery.bites_done, 1);
     }

@@ -127,7 +127,7 @@ impl Run {
             started_s,
         };
         while let Some(planned) = self.next_step().await? {
-            if planned.kind == Kind::Approach {
+            if matches!(planned.kind, Kind::View | Kind::Approach) {
                 self.approval.check().await?;
             }
             self.take(planned, clock).await?;

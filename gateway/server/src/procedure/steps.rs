@@ -1,5 +1,5 @@
 //! The steps of a procedure as a table: what each one is, what it does to the world, and in which
-//! order they come (Fig. 10 and 11 of the paper, (a) to (h) for every bite).
+//! order they come (Fig. 10 and 11 of the paper, (a) to (h) for every bite, the arthroscope's view before it).
 
 use arthro_geometry::Point3;
 
@@ -8,8 +8,10 @@ use crate::words::words;
 words! {
     /// What a step does.
     Kind {
-        /// Both arms to their start, the arthroscope to its view.
+        /// Both arms to their start, the arthroscope in front of its portal.
         Prepare = "PREPARE",
+        /// The arthroscope to where it watches the bite from, the forceps outside.
+        View = "VIEW",
         /// (a) Free move of the forceps to the portal.
         Approach = "APPROACH",
         /// (b) Pivot towards the bite, jaw turned to its opening direction.
@@ -80,6 +82,7 @@ impl Kind {
         match self {
             Self::Bite => Effect::Irreversible,
             Self::Prepare
+            | Self::View
             | Self::Approach
             | Self::Pivot
             | Self::Insert
@@ -102,18 +105,20 @@ pub struct Planned {
     pub bite: Option<u32>,
 }
 
-/// Preparation, the cycles of the bites from `first` on, and the withdrawal.
-pub fn from_bite(first: u32, bites: u32) -> Vec<Planned> {
+/// Preparation, the cycles of the bites from `first` on, and the withdrawal. `views` says of each bite of the plan whether
+/// the arthroscope watches it from another place than the bite before; the first to come is always gone to.
+pub fn from_bite(first: u32, views: &[bool]) -> Vec<Planned> {
     let mut steps = Vec::new();
-    if first < bites {
+    if (first as usize) < views.len() {
         steps.push(around(Kind::Prepare));
     }
-    steps.extend((first..bites).flat_map(|bite| {
-        CYCLE.map(|kind| Planned {
+    for (bite, moves) in (0..).zip(views).skip(first as usize) {
+        let view = (*moves || bite == first).then_some(Kind::View);
+        steps.extend(view.into_iter().chain(CYCLE).map(|kind| Planned {
             kind,
             bite: Some(bite),
-        })
-    }));
+        }));
+    }
     steps.push(around(Kind::Withdraw));
     steps
 }
@@ -180,22 +185,36 @@ mod tests {
 
     #[test]
     fn every_bite_has_its_eight_steps_between_preparation_and_withdrawal() {
-        let steps = from_bite(0, 3);
-        assert_eq!(steps.len(), 1 + 3 * 8 + 1);
+        let steps = from_bite(0, &[true, false, true]);
+        assert_eq!(steps.len(), 1 + 3 * 8 + 2 + 1);
         assert_eq!(steps[0].kind, Kind::Prepare);
         assert_eq!(
-            steps[9],
+            steps[10],
             Planned {
                 kind: Kind::Approach,
                 bite: Some(1)
             }
         );
-        assert_eq!(steps[25].kind, Kind::Withdraw);
+        assert_eq!(steps[27].kind, Kind::Withdraw);
+    }
+
+    #[test]
+    fn the_arthroscope_goes_to_a_view_before_its_bite_and_only_if_it_is_another() {
+        let views = |first| {
+            let steps = from_bite(first, &[true, false, true]);
+            let views = steps.iter().filter(|step| step.kind == Kind::View);
+            views.map(|step| step.bite.unwrap()).collect::<Vec<_>>()
+        };
+        assert_eq!(views(0), [0, 2]);
+        assert_eq!(views(1), [1, 2], "after a retreat it stands at none");
+        let steps = from_bite(2, &[true, false, true]);
+        let kinds: Vec<_> = steps.iter().map(|step| step.kind).take(3).collect();
+        assert_eq!(kinds, [Kind::Prepare, Kind::View, Kind::Approach]);
     }
 
     #[test]
     fn after_the_last_bite_only_the_withdrawal_is_left() {
-        assert_eq!(from_bite(3, 3), [around(Kind::Withdraw)]);
+        assert_eq!(from_bite(3, &[true; 3]), [around(Kind::Withdraw)]);
     }
 
     #[test]

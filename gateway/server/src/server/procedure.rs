@@ -248,6 +248,7 @@ fn state_message(state: State) -> proto::ProcedureState {
 fn kind_message(kind: Kind) -> proto::StepKind {
     match kind {
         Kind::Prepare => proto::StepKind::Prepare,
+        Kind::View => proto::StepKind::View,
         Kind::Approach => proto::StepKind::Approach,
         Kind::Pivot => proto::StepKind::Pivot,
         Kind::Insert => proto::StepKind::Insert,

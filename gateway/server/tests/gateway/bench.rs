@@ -320,6 +320,11 @@ pub fn in_base(ct: [f64; 3]) -> Point3 {
     Point3::new(750.0 + ct[0] + tx, -(ct[1] + ty), 550.0 - (ct[2] + tz))
 }
 
+/// A point of the arthroscope arm's base in the forceps arm's, as the bench has them.
+pub fn arthroscope_in_forceps_base(point: &Point3) -> Point3 {
+    Point3::new(350.0 + point.y, 750.0 - point.x, point.z)
+}
+
 /// The same for a direction.
 pub fn direction_in_base(ct: &common::Direction) -> Vector3 {
     Vector3::new(ct.x, -ct.y, -ct.z)

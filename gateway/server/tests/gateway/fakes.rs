@@ -51,6 +51,8 @@ pub struct World {
     pub verdict: Mutex<Verdict>,
     /// The tip at each bite, forceps arm's base.
     pub bitten_at: Mutex<Vec<Point3>>,
+    /// The arthroscope's tip at each bite, its arm's base.
+    pub watched_from: Mutex<Vec<Point3>>,
     /// The angle of the jaw's opening direction at each bite.
     pub bitten_along: Mutex<Vec<Vector3>>,
     /// What planning was asked last.
@@ -101,6 +103,7 @@ impl World {
             unreachable: Mutex::default(),
             verdict: Mutex::new(Verdict::Accept),
             bitten_at: Mutex::default(),
+            watched_from: Mutex::default(),
             bitten_along: Mutex::default(),
             plan_options: Mutex::default(),
             last_bites_portal: Mutex::default(),

@@ -3,20 +3,20 @@
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction, StepKind, StepState};
 
-use super::bench::{Bench, direction_in_base, in_base, reason};
+use super::bench::{Bench, arthroscope_in_forceps_base, direction_in_base, in_base, reason};
 use super::fakes::PATIENCE;
 use super::fakes::computing::CENTERS;
 
-const PREPARATION: [&str; 8] = [
+const PREPARATION: [&str; 6] = [
     "HOME",
     "SET_PORTAL FORCEPS",
     "SET_PORTAL ARTHROSCOPE",
     "FREE FORCEPS",
     "OPEN_JAW",
     "FREE ARTHROSCOPE",
-    "PIVOT ARTHROSCOPE",
-    "INSERT ARTHROSCOPE",
 ];
+const FIRST_VIEW: [&str; 2] = ["PIVOT ARTHROSCOPE", "INSERT ARTHROSCOPE"];
+const NEXT_VIEW: [&str; 2] = ["RETRACT ARTHROSCOPE", "PIVOT ARTHROSCOPE"];
 const CYCLE: [&str; 9] = [
     "FREE FORCEPS",
     "PIVOT FORCEPS",
@@ -39,7 +39,11 @@ async fn a_procedure_takes_every_bite_in_order_and_journals_before_each_command(
         .await;
 
     let mut expected = PREPARATION.to_vec();
-    for _ in 0..3 {
+    expected.extend(FIRST_VIEW);
+    expected.extend(CYCLE);
+    // The other two are watched from a little less deep.
+    for _ in 0..2 {
+        expected.extend(NEXT_VIEW);
         expected.extend(CYCLE);
     }
     expected.extend(WITHDRAWAL);
@@ -51,7 +55,7 @@ async fn a_procedure_takes_every_bite_in_order_and_journals_before_each_command(
     assert_eq!(procedure.robot_seconds, expected.len() as f64);
 
     let report = bench.report(&procedure_id).await;
-    assert_eq!(report.steps.len(), 1 + 3 * 8 + 1);
+    assert_eq!(report.steps.len(), 1 + 3 * 9 + 1);
     for (sequence, step) in (1..).zip(&report.steps) {
         assert_eq!((step.sequence, step.state()), (sequence, StepState::Done));
         assert!(step.ended_controller_s >= step.started_controller_s);
@@ -82,6 +86,54 @@ async fn the_jaw_closes_at_each_bite_and_opens_along_it() {
     }
     let reported = bench.report(&procedure_id).await.bites[1].tip.unwrap();
     assert!((reported.x_mm - tips[1].x).abs() < 1e-9);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_arthroscope_watches_each_bite_from_its_approved_view() {
+    let mut bench = Bench::new().await;
+    let (case_id, digest) = bench.approved().await;
+    let procedure_id = bench.start(&case_id, &digest).await.unwrap();
+    bench
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    let views = bench.get(&case_id).await.plan.unwrap().views;
+    let watched_from = bench.world.watched_from.lock().unwrap().clone();
+    assert_eq!(watched_from.len(), views.len());
+    for (bite, (view, tip)) in views.iter().zip(watched_from).enumerate() {
+        let planned = view.tip.unwrap();
+        let planned = in_base([planned.x_mm, planned.y_mm, planned.z_mm]);
+        let off = (arthroscope_in_forceps_base(&tip) - planned).norm();
+        assert!(off < 1e-6, "bite {bite} is watched from {off} mm aside");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_bite_that_is_repeated_is_watched_from_its_view_again() {
+    let mut bench = Bench::new().await;
+    bench.world.hold("RETRACT ARTHROSCOPE");
+    let procedure_id = bench.started().await;
+    bench.world.arrived("RETRACT ARTHROSCOPE", 1).await;
+    bench.procedures.stop_procedure(stop()).await.unwrap();
+    let interrupted = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    let step = interrupted.step.unwrap();
+    assert_eq!(
+        (step.kind(), step.state(), step.bite),
+        (StepKind::View, StepState::Failed, 1)
+    );
+    bench.world.let_go();
+    bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await
+        .unwrap();
+    bench
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    let watched_from = bench.world.watched_from.lock().unwrap().clone();
+    assert_eq!(watched_from.len(), 3);
+    assert!((watched_from[1] - watched_from[0]).norm() > 0.5);
+    assert!(bench.world.unjournalled.lock().unwrap().is_empty());
 }
 
 #[tokio::test(flavor = "multi_thread")]

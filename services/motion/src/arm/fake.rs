@@ -3,12 +3,14 @@
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use arthro_geometry::Rigid;
 use ur_link::{
     Command, Error, Fault, ProgramState, RobotLink, RobotMode, RuntimeState, SafetyMode, State,
 };
 
 use crate::arm::Connect;
-use crate::kinematics::Joints;
+use crate::kinematics::{Joints, ToolArm};
+use crate::rcm::shaft;
 
 pub const PERIOD_S: f64 = 0.008;
 
@@ -17,12 +19,18 @@ pub const PERIOD_S: f64 = 0.008;
 pub struct FakeRobot(Arc<Mutex<Robot>>);
 
 pub struct Robot {
+    arm: ToolArm,
     pub time_s: f64,
     /// Added to the clock once.
     pub gap_s: f64,
     pub joints: Joints,
     /// What the encoders show beside the truth.
     pub encoder_error: Joints,
+    /// What they show of the speeds beside the truth.
+    pub speed_error: Joints,
+    /// How much farther along the shaft the tool seems to be than it is, mm.
+    pub forward_mm: f64,
+    pub robot_mode: RobotMode,
     speeds: Joints,
     /// Share of the next sample's time that has passed.
     sample_share: f64,
@@ -44,12 +52,16 @@ pub struct Robot {
 }
 
 impl FakeRobot {
-    pub fn new(joints: Joints) -> Self {
+    pub fn new(arm: ToolArm, joints: Joints) -> Self {
         Self(Arc::new(Mutex::new(Robot {
+            arm,
             time_s: 100.0,
             gap_s: 0.0,
             joints,
             encoder_error: [0.0; 6],
+            speed_error: [0.0; 6],
+            forward_mm: 0.0,
+            robot_mode: RobotMode::Running,
             speeds: [0.0; 6],
             sample_share: 0.0,
             scaling: 1.0,
@@ -161,14 +173,27 @@ impl Robot {
         self.speeds = std::array::from_fn(|i| (self.joints[i] - before[i]) / PERIOD_S);
     }
 
+    fn measured(&self) -> Joints {
+        if self.forward_mm == 0.0 {
+            return std::array::from_fn(|i| self.joints[i] + self.encoder_error[i]);
+        }
+        let pose = self.arm.base_from_tool(&self.joints);
+        let ahead = pose.translation_mm() + shaft(&pose) * self.forward_mm;
+        let ahead = self
+            .arm
+            .joints(&Rigid::new(pose.rotation(), ahead), &self.joints)
+            .unwrap();
+        std::array::from_fn(|i| ahead[i] + self.encoder_error[i])
+    }
+
     fn state(&self) -> State {
         State {
             timestamp_s: self.time_s,
-            actual_q: std::array::from_fn(|i| self.joints[i] + self.encoder_error[i]),
+            actual_q: self.measured(),
             target_q: self.joints,
-            actual_qd: self.speeds,
+            actual_qd: std::array::from_fn(|i| self.speeds[i] + self.speed_error[i]),
             actual_tcp_pose: [0.0; 6],
-            robot_mode: RobotMode::Running,
+            robot_mode: self.robot_mode,
             safety_mode: self.safety_mode,
             runtime_state: self.runtime_state,
             speed_scaling: self.scaling,

@@ -9,12 +9,10 @@ use ur_link::{Command, State, Stream};
 
 use crate::command::{Authorization, Progress};
 use crate::error::Error;
-use crate::free_way::FreeWay;
-use crate::kinematics::{Joints, ToolArm, largest_difference};
-use crate::limits::Limits;
+use crate::kinematics::{Joints, largest_difference};
 use crate::plan::Plan;
 use crate::supervisor::{Observation, Regime};
-use crate::trajectory::Trajectory;
+use crate::way::Way;
 
 /// A joint this near to its target has arrived, rad: 0.1 mm at a lever of 300 mm.
 const ARRIVED_RAD: f64 = 3e-4;
@@ -54,41 +52,18 @@ pub enum Step {
     Failed(&'static str, String),
 }
 
-enum Way {
-    Portal(Box<Trajectory>),
-    Outside(Box<FreeWay>),
-}
-
 impl Motion {
     /// Begins a plan from the commanded joints `start`, for a controller with this period.
     ///
     /// # Errors
-    /// A way outside that the arm cannot follow.
+    /// A way that takes too long.
     pub fn new(
         by: Authorization,
         plan: Plan,
         start: Joints,
-        arm: &ToolArm,
-        limits: &Limits,
         period_s: f64,
     ) -> Result<(Self, watch::Receiver<Progress>), Error> {
-        let (way, regime) = match plan {
-            Plan::Stream { trajectory, regime } => (Way::Portal(trajectory), regime),
-            Plan::Line {
-                base_from_tool,
-                speed_mm_s,
-            } => {
-                let way = FreeWay::line(*arm, &start, base_from_tool, speed_mm_s, limits)?;
-                (Way::Outside(Box::new(way)), Regime::Outside)
-            }
-            Plan::Joints {
-                joints_rad,
-                speed_rad_s,
-            } => {
-                let way = FreeWay::joints(*arm, &start, &joints_rad, speed_rad_s, limits)?;
-                (Way::Outside(Box::new(way)), Regime::Outside)
-            }
-        };
+        let Plan { way, regime } = plan;
         // A tenth of a sample of rounding must not add another.
         let samples = (way.duration_s() / period_s - 0.1).ceil();
         if !(..=SAMPLES_MAX).contains(&samples) {
@@ -207,29 +182,6 @@ impl Motion {
             progress.fraction = self.fraction;
             progress.rcm_deviation_max_mm = self.rcm_deviation_max_mm;
         });
-    }
-}
-
-impl Way {
-    fn duration_s(&self) -> f64 {
-        match self {
-            Self::Portal(trajectory) => trajectory.duration_s(),
-            Self::Outside(way) => way.duration_s(),
-        }
-    }
-
-    fn fraction(&self, time_s: f64) -> f64 {
-        match self {
-            Self::Portal(trajectory) => trajectory.fraction(time_s),
-            Self::Outside(way) => way.fraction(time_s),
-        }
-    }
-
-    fn sample(&self, time_s: f64, before: &Joints) -> Result<Joints, Error> {
-        match self {
-            Self::Portal(trajectory) => trajectory.sample(time_s, before),
-            Self::Outside(way) => way.sample(time_s, before),
-        }
     }
 }
 

@@ -11,10 +11,12 @@ use super::owner::chain;
 use super::{ArmOptions, ArmState, DoneReply, Fault, MoveReply, Request};
 use crate::command::{Authorization, Commander, Progress};
 use crate::error::{Error, link_reason};
-use crate::kinematics::largest_difference;
+use crate::kinematics::{Joints, largest_difference};
 use crate::plan::{Move, Situation};
 use crate::rcm::Portal;
 use crate::supervisor::{Measured, Observation, Regime, Supervisor};
+use crate::sweep::Walker;
+use crate::way::Way;
 
 /// Joints farther than this from where they were commanded are not at rest, rad.
 const APART_RAD: f64 = 0.02;
@@ -33,6 +35,9 @@ pub struct Pilot {
     pub portal: Option<Portal>,
     activity: Activity,
     pub fault: Option<Fault>,
+    /// Reason of a fault inside that was acknowledged: until the tip is out it may only be drawn back.
+    retract_only: Option<&'static str>,
+    warning: Option<Fault>,
     /// The last state of this link.
     pub latest: Option<(State, Observation)>,
     program_missing_since_s: Option<f64>,
@@ -67,13 +72,15 @@ enum Activity {
 impl Pilot {
     pub fn new(options: Arc<ArmOptions>, commander: Commander) -> Self {
         Self {
-            supervisor: Supervisor::new(options.arm, options.limits.clone()),
+            supervisor: Supervisor::new(options.arm, options.limits.clone(), options.berth.clone()),
             portal: options.portal,
             period_s: options.period_s,
             options,
             commander,
             activity: Activity::Standing,
             fault: None,
+            retract_only: None,
+            warning: None,
             latest: None,
             program_missing_since_s: None,
             states_missed: 0,
@@ -103,10 +110,17 @@ impl Pilot {
     /// Judges a state: what it breaks is latched, and a move without its lease is stopped.
     pub fn observe(&mut self, state: &State) {
         let measured = measured(state);
-        let portal = self.portal.map(|portal| portal.point);
-        let seen = self.supervisor.observe(&measured, portal.as_ref());
+        let (portal, axis) = match &self.portal {
+            Some(portal) => (Some(portal.point), portal.axis),
+            None => (None, None),
+        };
+        let seen = self
+            .supervisor
+            .observe(&measured, portal.as_ref(), axis.as_ref());
         self.latest = Some((*state, seen));
         self.count_missed(seen.gap_s);
+        self.warn(&seen);
+        self.retract_only = self.retract_only.filter(|_| seen.inside);
         let regime = match &self.activity {
             Activity::Moving(motion) => motion.regime(),
             Activity::Standing | Activity::Stopping { .. } => Regime::Standing,
@@ -237,15 +251,10 @@ impl Pilot {
             joints_rad: &state.target_q,
             seen: &seen,
         };
+        self.may_begin(wanted, &seen)?;
         let plan = situation.plan(wanted)?;
-        let (motion, progress) = Motion::new(
-            by.clone(),
-            plan,
-            state.target_q,
-            &self.options.arm,
-            &self.options.limits,
-            self.period_s,
-        )?;
+        self.take_way(wanted, &plan.way, &state.target_q, &seen)?;
+        let (motion, progress) = Motion::new(by.clone(), plan, state.target_q, self.period_s)?;
         self.commander.follow(&by.operation_id, progress.clone());
         self.activity = Activity::Moving(motion);
         tracing::info!(
@@ -254,6 +263,71 @@ impl Pilot {
             "move begins"
         );
         Ok(progress)
+    }
+
+    /// After a fault inside the way on is out.
+    fn may_begin(&self, wanted: &Move, seen: &Observation) -> Result<(), Error> {
+        match (self.retract_only, seen.placement) {
+            (Some(fault), Some(placement)) if !matches!(wanted, Move::Retract { .. }) => {
+                Err(Error::RetractOnly {
+                    fault,
+                    depth_mm: placement.depth_mm,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The way must keep clear of planes and of the other arm. Drawing back from inside is open whatever is near: the
+    /// supervisor alone watches it.
+    fn take_way(
+        &self,
+        wanted: &Move,
+        way: &Way,
+        start: &Joints,
+        seen: &Observation,
+    ) -> Result<(), Error> {
+        let ArmOptions {
+            arm, limits, berth, ..
+        } = &*self.options;
+        let way_out = seen.inside && matches!(wanted, Move::Retract { .. });
+        let walker = Walker {
+            arm,
+            limits,
+            berth,
+            plane_room_mm: if way_out {
+                f64::NEG_INFINITY
+            } else {
+                self.supervisor.plane_room_mm()
+            },
+        };
+        let sweep = walker.sweep(way, start)?;
+        if way_out {
+            berth.take_way_out(sweep);
+            return Ok(());
+        }
+        berth.take(sweep, &self.supervisor.keep())
+    }
+
+    /// A shaft on its way off the portal is told of once an episode.
+    fn warn(&mut self, seen: &Observation) {
+        let warned = self.warning.is_some();
+        self.warning = seen.warning_mm.map(|deviation_mm| Fault {
+            reason: "RCM_DEVIATION",
+            detail: format!(
+                "distance of the shaft to the portal is {deviation_mm:.3} mm; warning from {:.3} mm, stop beyond {:.3} mm",
+                self.options.limits.rcm_warn_mm, self.options.limits.rcm_stop_mm
+            ),
+        });
+        if let Some(warning) = self.warning.as_ref().filter(|_| !warned) {
+            let Fault { reason, detail } = warning;
+            tracing::warn!(
+                arm = self.options.name,
+                reason,
+                detail,
+                "the shaft leaves the portal"
+            );
+        }
     }
 
     /// The latest state, if a move may begin from it.
@@ -313,12 +387,11 @@ impl Pilot {
         if !self.is_standing() {
             return Err(Error::Moving);
         }
+        // Also without a fault: an arm that stands too near to something may then move away from it.
+        self.supervisor.acknowledge(&seen);
         let Some(fault) = &self.fault else {
             return Ok(());
         };
-        if fault.reason == "RCM_DEVIATION" {
-            self.supervisor.acknowledge(&seen);
-        }
         let measured = measured(&state);
         self.supervisor
             .check(Regime::Standing, &measured, &seen)
@@ -331,6 +404,7 @@ impl Pilot {
             reason = fault.reason,
             "fault recovered"
         );
+        self.retract_only = Some(fault.reason).filter(|_| seen.inside);
         self.fault = None;
         Ok(())
     }
@@ -384,6 +458,7 @@ impl Pilot {
     }
 
     fn come_to_stand(&mut self) {
+        self.options.berth.clear();
         let activity = std::mem::replace(&mut self.activity, Activity::Standing);
         if let Activity::Stopping {
             ends: Some((motion, outcome)),
@@ -432,6 +507,7 @@ impl Pilot {
                 self.finish(motion, Outcome::InDoubt { reason, detail });
             }
         }
+        self.options.berth.lose();
         self.latest = None;
     }
 
@@ -480,6 +556,7 @@ impl Pilot {
             inside: seen.inside,
             placement: seen.placement,
             fault: self.fault.clone(),
+            warning: self.warning.clone(),
             speed_scaling: state.speed_scaling,
             operation_id: motion.map(|motion| motion.by.operation_id.clone()),
             connected: true,

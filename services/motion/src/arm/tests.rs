@@ -1,15 +1,19 @@
 mod control;
+mod supervisor;
+mod two_arms;
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use arthro_authority::{OperationState, Outcome};
+use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Point3, Rotation, Vector3};
 use ur_link::{Command, ProgramState, RuntimeState};
 
 use super::fake::{FakeRobot, PERIOD_S};
 use super::*;
-use crate::rcm::shaft;
+use crate::bodies::{ArmShape, ToolShape};
+use crate::rcm::{Portal, shaft};
 
 const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
@@ -35,18 +39,50 @@ fn tool_arm() -> ToolArm {
     )
 }
 
+fn apart() -> Berth {
+    Berth::apart(ArmShape::new(&tool_arm(), ToolShape::default()))
+}
+
 impl Cell {
     /// The tip 80 mm in front of a portal on the shaft's axis.
     async fn new() -> Self {
+        Self::standing(Limits::default(), None).await
+    }
+
+    /// The same with other limits and a portal whose axis is the shaft's.
+    async fn limited(limits: Limits) -> Self {
         let pose = tool_arm().base_from_tool(&START);
-        let portal = pose.origin() + shaft(&pose) * 80.0;
-        let mut cell = Self::with(FakeRobot::new(START), Some(portal), portal);
+        Self::standing(limits, Some(Unit::new_normalize(shaft(&pose)))).await
+    }
+
+    async fn standing(limits: Limits, axis: Option<Unit<Vector3>>) -> Self {
+        let pose = tool_arm().base_from_tool(&START);
+        let point = pose.origin() + shaft(&pose) * 80.0;
+        let robot = FakeRobot::new(tool_arm(), START);
+        let set = Some(Portal { point, axis });
+        let mut cell = Self::in_berth(robot, set, point, limits, apart());
         cell.connected().await;
         cell.token = cell.acquire();
         cell
     }
 
     fn with(robot: FakeRobot, set: Option<Point3>, portal: Point3) -> Self {
+        Self::in_berth(
+            robot,
+            set.map(Into::into),
+            portal,
+            Limits::default(),
+            apart(),
+        )
+    }
+
+    fn in_berth(
+        robot: FakeRobot,
+        set: Option<Portal>,
+        portal: Point3,
+        limits: Limits,
+        berth: Berth,
+    ) -> Self {
         let host_ms = Arc::new(AtomicU64::new(0));
         let clock = host_ms.clone();
         let commander = Commander::new(
@@ -57,8 +93,9 @@ impl Cell {
             name: "forceps",
             address: "fake:30004".to_owned(),
             arm: tool_arm(),
-            limits: Limits::default(),
-            portal: set.map(Into::into),
+            limits,
+            berth,
+            portal: set,
             period_s: PERIOD_S,
             silence: Duration::from_millis(100),
             reconnect: Duration::from_millis(1),
@@ -449,7 +486,7 @@ async fn an_insertion_slightly_off_the_portal_regains_it() {
 
 #[tokio::test]
 async fn moves_through_the_portal_need_one() {
-    let robot = FakeRobot::new(START);
+    let robot = FakeRobot::new(tool_arm(), START);
     let mut cell = Cell::with(robot, None, Point3::new(700.0, 0.0, 265.0));
     cell.connected().await;
     cell.token = cell.acquire();
@@ -532,7 +569,7 @@ async fn a_breach_stops_the_arm_and_is_latched_until_recovered() {
     cell.recover().await.unwrap();
     assert_eq!(cell.state().await.fault, None);
     // The shaft stays where it is: only drawing back is open, along its own line.
-    assert_eq!(cell.refusal(insert(60.0)).await, "SHAFT_OFF_PORTAL");
+    assert_eq!(cell.refusal(insert(60.0)).await, "RETRACT_ONLY");
     let progress = cell.carry_out(retract(-5.0)).await.unwrap();
     assert_eq!(
         progress.operation.state,
@@ -620,7 +657,7 @@ async fn a_link_lost_in_a_move_is_a_fault_and_a_new_link_moves_nothing() {
 
 #[tokio::test]
 async fn an_arm_out_of_reach_of_the_network_answers() {
-    let robot = FakeRobot::new(START);
+    let robot = FakeRobot::new(tool_arm(), START);
     robot.lock().unreachable = true;
     let mut cell = Cell::with(robot, None, Point3::origin());
     cell.token = cell.acquire();

@@ -3,6 +3,7 @@ use std::f64::consts::FRAC_PI_2;
 use arthro_geometry::{Rotation, Vector3};
 
 use super::*;
+use crate::bodies::{ArmShape, ToolShape};
 
 fn dry_run() -> DryRun {
     let arm = ToolArm::new(
@@ -19,6 +20,7 @@ fn dry_run() -> DryRun {
         portal: Point3::new(700.0, 0.0, 265.0).into(),
         period_s: 0.008,
         method: Method::Rcm,
+        berth: Berth::apart(ArmShape::new(&arm, ToolShape::default())),
     }
 }
 

@@ -6,6 +6,7 @@ use crate::rcm::path::{Destination, direction_to};
 use crate::rcm::{Placement, Portal, RcmPath, Regain, shaft};
 use crate::supervisor::Regime;
 use crate::trajectory::{Speeds, Trajectory};
+use crate::way::Way;
 use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Point3, Vector3};
 
@@ -126,8 +127,8 @@ impl Situation<'_> {
             speeds,
             self.period_s,
         )?;
-        Ok(Plan::Stream {
-            trajectory: Box::new(trajectory),
+        Ok(Plan {
+            way: Way::Portal(Box::new(trajectory)),
             regime,
         })
     }

@@ -76,6 +76,7 @@ impl Checking {
             portal: self.portal.or(in_force).ok_or(Error::PortalNotSet)?,
             period_s: options.period_s,
             method: self.method,
+            berth: options.berth.clone(),
         };
         let (targets, order) = (self.targets, self.order);
         let checked = tokio::task::spawn_blocking(move || dry_run.check_all(&targets, order))

@@ -8,7 +8,7 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::motion::v1 as proto;
 
 use super::Which;
-use crate::arm::ArmState;
+use crate::arm::{ArmState, Fault};
 use crate::command::Authorization;
 use crate::config::QUATERNION_TOLERANCE;
 use crate::error::Error;
@@ -327,10 +327,12 @@ pub fn operation(operation: &Operation, repeated: bool) -> common::Operation {
 
 pub fn arm_state(which: Which, state: &ArmState) -> proto::ArmState {
     let placement = state.placement.as_ref();
-    let (fault_reason, fault_detail) = match &state.fault {
+    let words = |fault: &Option<Fault>| match fault {
         Some(fault) => (fault.reason.to_owned(), fault.detail.clone()),
         None => Default::default(),
     };
+    let (fault_reason, fault_detail) = words(&state.fault);
+    let (warning_reason, warning_detail) = words(&state.warning);
     proto::ArmState {
         arm: which.on_the_wire().into(),
         controller_time_s: state.time_s,
@@ -344,6 +346,8 @@ pub fn arm_state(which: Which, state: &ArmState) -> proto::ArmState {
         rcm_deviation_mm: placement.map_or(0.0, |placement| placement.deviation_mm()),
         fault_reason,
         fault_detail,
+        warning_reason,
+        warning_detail,
         speed_scaling: state.speed_scaling,
         operation_id: state.operation_id.clone().unwrap_or_default(),
         connected: state.connected,

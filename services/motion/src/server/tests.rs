@@ -33,7 +33,7 @@ impl Cell {
                 ..ArmConfig::default()
             };
             let setup = config.check(name).unwrap();
-            let robot = FakeRobot::new(setup.neutral_joints_rad);
+            let robot = FakeRobot::new(setup.options.arm, setup.neutral_joints_rad);
             let (handle, owner) = setup.options.start(robot, commander.clone());
             tokio::spawn(owner.run());
             Arm {

@@ -28,7 +28,7 @@ pub fn period_s(asked_s: f64) -> Result<f64, Error> {
 }
 
 /// Sends a first message at once, then one whenever an arm's clock has advanced by the period, a link
-/// came or went, or a fault came or went, until nobody listens.
+/// came or went, or a fault or a warning came or went, until nobody listens.
 pub async fn tell(
     mut arms: [(Which, watch::Receiver<Published>); 2],
     period_s: f64,
@@ -73,6 +73,7 @@ struct Mark {
     time_s: f64,
     connected: bool,
     faulty: bool,
+    warned: bool,
 }
 
 impl Mark {
@@ -83,6 +84,7 @@ impl Mark {
             time_s: state.map_or(0.0, |state| state.time_s),
             connected: published.connected,
             faulty: state.is_some_and(|state| state.fault.is_some()),
+            warned: state.is_some_and(|state| state.warning.is_some()),
         }
     }
 
@@ -94,5 +96,6 @@ impl Mark {
             || self.time_s < told.time_s
             || self.connected != told.connected
             || self.faulty != told.faulty
+            || self.warned != told.warned
     }
 }

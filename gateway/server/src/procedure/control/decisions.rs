@@ -60,7 +60,7 @@ impl Procedures {
             performer.release().await;
             return Err(error.into());
         }
-        let steps = steps::from_bite(0, procedure.bites_planned);
+        let steps = steps::from_bite(0, &poses.view_moves());
         let published = watch::Sender::new(procedure.clone());
         self.launch(
             stops_before,
@@ -91,11 +91,16 @@ impl Procedures {
             });
         }
         let portal = &poses.arthroscope.portal;
-        let view = [poses.view_tip()];
-        let checks = motion.check(Arm::Arthroscope, &view, portal).await?;
-        match checks.into_iter().find(|check| !check.reachable) {
+        let views: Vec<_> = poses.views.iter().map(|view| view.tip(portal)).collect();
+        let checks = motion.check(Arm::Arthroscope, &views, portal).await?;
+        let unreachable = checks
+            .into_iter()
+            .enumerate()
+            .find(|(_, check)| !check.reachable);
+        match unreachable {
             None => Ok(()),
-            Some(check) => Err(Error::UnreachableView {
+            Some((bite, check)) => Err(Error::UnreachableView {
+                bite,
                 check: check.reason,
                 detail: check.detail,
             }),
@@ -116,14 +121,6 @@ impl Procedures {
             })
             .await?;
         let journal = self.0.journal.steps(&procedure_id).await?;
-        let recovery = recovery::decide(
-            action,
-            &journal,
-            procedure.next_bite,
-            procedure.bites_done,
-            procedure.bites_planned,
-        )
-        .ok_or(Error::NoBiteInterrupted { procedure_id })?;
         // Whoever goes on biting needs the approval as it was; drawing back needs none.
         let approved = match action {
             Action::Withdraw => None,
@@ -135,6 +132,20 @@ impl Procedures {
             ),
         };
         let cell = self.0.cases.cell()?.clone();
+        let views = match &approved {
+            Some(approved) => {
+                Poses::of(&approved.plan, &approved.registration, &approved.cell)?.view_moves()
+            }
+            None => Vec::new(),
+        };
+        let recovery = recovery::decide(
+            action,
+            &journal,
+            procedure.next_bite,
+            procedure.bites_done,
+            &views,
+        )
+        .ok_or(Error::NoBiteInterrupted { procedure_id })?;
 
         let clients = self.0.clients.clone();
         let holder = holder(&procedure);

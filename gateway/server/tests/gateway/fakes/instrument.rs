@@ -34,7 +34,8 @@ impl FakeInstrument {
 impl World {
     /// The jaw closes: remembers where, and how it was turned.
     fn close_jaw(&self) {
-        let forceps = self.arms.lock().unwrap()[0];
+        let [forceps, arthroscope] = *self.arms.lock().unwrap();
+        self.watched_from.lock().unwrap().push(arthroscope.tip);
         let turn = self.rotation_deg.lock().unwrap().to_radians();
         let opening =
             forceps.rotation * Rotation::from_axis_angle(&Vector3::x_axis(), turn) * Vector3::z();

@@ -3,6 +3,9 @@ use proptest::prelude::*;
 use ur_link::{ProgramState, RobotMode, RuntimeState, SafetyMode, Window};
 
 use super::*;
+use crate::bodies::{ArmShape, ToolShape};
+use crate::kinematics::ToolArm;
+use crate::limits::Limits;
 use crate::plan::{Move, Situation};
 use crate::rcm::{Placement, shaft};
 
@@ -46,9 +49,7 @@ fn pivot(angle_rad: f64) -> Motion {
         fencing_token: 1,
         operation_id: "pivot".to_owned(),
     };
-    Motion::new(by, plan, START, &arm(), &Limits::default(), PERIOD_S)
-        .unwrap()
-        .0
+    Motion::new(by, plan, START, PERIOD_S).unwrap().0
 }
 
 fn observation() -> Observation {
@@ -57,6 +58,12 @@ fn observation() -> Observation {
         placement: None,
         inside: false,
         gap_s: PERIOD_S,
+        bodies: ArmShape::new(&arm(), ToolShape::default())
+            .bodies(&START, &arm().base_from_tool(&START)),
+        tip_speed_mm_s: 0.0,
+        cone_rad: None,
+        safety_mode_before: None,
+        warning_mm: None,
     }
 }
 
