@@ -16,7 +16,12 @@ const PREPARATION: [&str; 6] = [
     "FREE ARTHROSCOPE",
 ];
 const FIRST_VIEW: [&str; 2] = ["PIVOT ARTHROSCOPE", "INSERT ARTHROSCOPE"];
-const NEXT_VIEW: [&str; 2] = ["RETRACT ARTHROSCOPE", "PIVOT ARTHROSCOPE"];
+const NEAR_VIEW: [&str; 2] = ["RETRACT ARTHROSCOPE", "PIVOT ARTHROSCOPE"];
+const FAR_VIEW: [&str; 3] = [
+    "RETRACT ARTHROSCOPE",
+    "PIVOT ARTHROSCOPE",
+    "INSERT ARTHROSCOPE",
+];
 const CYCLE: [&str; 9] = [
     "FREE FORCEPS",
     "PIVOT FORCEPS",
@@ -41,9 +46,9 @@ async fn a_procedure_takes_every_bite_in_order_and_journals_before_each_command(
     let mut expected = PREPARATION.to_vec();
     expected.extend(FIRST_VIEW);
     expected.extend(CYCLE);
-    // The other two are watched from a little less deep.
-    for _ in 0..2 {
-        expected.extend(NEXT_VIEW);
+    // The second is watched from nearby and a little less deep, the third from farther away.
+    for view in [&NEAR_VIEW[..], &FAR_VIEW] {
+        expected.extend(view);
         expected.extend(CYCLE);
     }
     expected.extend(WITHDRAWAL);
