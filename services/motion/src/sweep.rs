@@ -59,33 +59,40 @@ pub struct Walker<'a> {
 impl Walker<'_> {
     /// The sweep of a way that begins at the joints `start`. Refused with WORKSPACE where it leads beyond a plane.
     pub fn sweep(&self, way: &Way, start: &Joints) -> Result<Sweep, Error> {
-        let duration_s = way.duration_s();
-        self.walk(start, |s, before| way.sample(s * duration_s, before))
+        self.walk(start, way.duration_s(), |time_s, before| {
+            Ok((way.fraction(time_s), way.sample(time_s, before)?))
+        })
     }
 
     /// The sweep of one trajectory.
     pub fn sweep_of(&self, trajectory: &Trajectory, start: &Joints) -> Result<Sweep, Error> {
-        let duration_s = trajectory.duration_s();
-        self.walk(start, |s, before| trajectory.sample(s * duration_s, before))
+        self.walk(start, trajectory.duration_s(), |time_s, before| {
+            Ok((
+                trajectory.fraction(time_s),
+                trajectory.sample(time_s, before)?,
+            ))
+        })
     }
 
+    /// `at` gives the share of the way and the joints at a time, nearest to those before.
     fn walk(
         &self,
         start: &Joints,
-        joints_at: impl Fn(f64, &Joints) -> Result<Joints, Error>,
+        duration_s: f64,
+        at: impl Fn(f64, &Joints) -> Result<(f64, Joints), Error>,
     ) -> Result<Sweep, Error> {
         let look = |samples: usize| -> Result<Vec<(f64, Bodies)>, Error> {
             let mut before = *start;
             (0..=samples)
                 .map(|index| {
-                    let s = index as f64 / samples as f64;
-                    before = joints_at(s, &before)?;
-                    Ok((s, self.bodies(s, &before)?))
+                    let (s, joints) = at(duration_s * index as f64 / samples as f64, &before)?;
+                    before = joints;
+                    Ok((s, self.bodies(s, &joints)?))
                 })
                 .collect()
         };
         let first = look(FIRST_LOOK)?;
-        // The fastest step decides: samples are even in time or angle, steps are not.
+        // The fastest step decides: samples are even in time, steps are not.
         let fastest_mm = first
             .windows(2)
             .map(|pair| pair[0].1.moved_mm(&pair[1].1))

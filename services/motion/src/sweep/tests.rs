@@ -145,17 +145,13 @@ proptest! {
     }
 
     #[test]
-    fn between_two_samples_no_body_is_farther_from_them_than_the_slack(
+    fn between_two_samples_no_body_is_farther_from_one_of_them_than_its_slack(
         by in proptest::array::uniform6(-0.6..0.6f64), share in 0.0..1.0f64
     ) {
         let own = way(Side::Forceps, &START, &by);
         let joints = std::array::from_fn(|i| START[i] + by[i] * share);
         let there = clearance().bodies(Side::Forceps, &joints);
-        let nearest = own
-            .fine
-            .iter()
-            .min_by(|a, b| (a.s - share).abs().total_cmp(&(b.s - share).abs()))
-            .unwrap();
-        prop_assert!(nearest.bodies.moved_mm(&there) <= nearest.slack_mm + 0.01);
+        let covers = |sample: &Sample| sample.bodies.moved_mm(&there) <= sample.slack_mm + 0.01;
+        prop_assert!(own.fine.iter().any(covers));
     }
 }
