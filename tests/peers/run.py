@@ -21,6 +21,10 @@ HERE = pathlib.Path(__file__).parent
 GRPCURL = pathlib.Path(sys.executable).parent / "grpcurl"
 
 
+# A client that hangs has failed.
+CLIENT_TIMEOUT_S = 150
+
+
 def arm_hosts():
     """Two loopback addresses that no other run of this script uses at this time."""
     number = os.getpid() % 60000
@@ -50,7 +54,11 @@ def run(clients):
     processes = [subprocess.Popen([sys.executable, HERE / script, *arguments]) for script, *arguments in clients]
     failed = 0
     for (script, *arguments), process in zip(clients, processes):
-        code = process.wait(timeout=300)
+        try:
+            code = process.wait(timeout=CLIENT_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            code = process.wait()
         took = time.monotonic() - began
         print(f"{script} {' '.join(arguments)}: {'passed' if code == 0 else 'FAILED'} in {took:.1f} s", flush=True)
         failed += code != 0

@@ -31,7 +31,7 @@ def main():
         robot.stopj(2.0)
         ur5.until(lambda: not robot.is_program_running(), 5)
         check("stop", abs(robot.getj()[0] - home[0]) > 0.02, robot.getj()[0] - home[0])
-        robot.set_digital_out(2, True)
+        robot.send_program("set_digital_out(2, True)")
         check("digital output", ur5.until(lambda: robot.get_digital_out(2) == 1, 5))
     finally:
         robot.close()

@@ -44,6 +44,9 @@ use power::Permission;
 use robot::{Robot, WatchdogAction};
 use urscript::{Ending, Machine};
 
+/// From a program's arrival to its first line. Real controllers take longer; without any, a program would still see the
+/// registers of before, because what its sender wrote to them last comes through another socket.
+const START_S: f64 = 0.024;
 /// Secondary programs that may run at once.
 const MAX_SECONDARIES: usize = 8;
 
@@ -233,7 +236,8 @@ impl Controller {
             }
             self.end_program();
             self.log_key("STARTED", &program.name);
-            self.program = Some(Machine::new(program, &mut self.robot));
+            let machine = Machine::new(program, &mut self.robot);
+            self.program = Some(machine.starting_at(self.robot.now_s() + START_S));
             Ok(())
         });
         if let Err(error) = &outcome {

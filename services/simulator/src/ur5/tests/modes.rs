@@ -325,7 +325,8 @@ fn an_e_series_has_five_hundred_cycles_in_a_second_and_the_same_moves() {
     assert!((bench.0.timestamp_s() - 1.0).abs() < 1e-9);
     let lines = "q = get_target_joint_positions()\nq[0] = q[0] + 1.0\nmovej(q, a=2.0, v=0.5)";
     let seconds = bench.run(lines);
-    assert!((seconds - 2.25).abs() < 0.01, "{seconds}");
+    // 2.25 s of way, after the 24 ms that every program takes to begin.
+    assert!((seconds - 2.274).abs() < 0.01, "{seconds}");
     bench.run("write_output_float_register(0, get_steptime())");
     assert_eq!(bench.0.robot.outputs.doubles[0], 0.002);
 }

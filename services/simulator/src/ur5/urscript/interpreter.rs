@@ -123,6 +123,14 @@ impl Machine {
         }
     }
 
+    /// The same, but its first line waits until this time of the controller.
+    pub fn starting_at(mut self, time_s: f64) -> Self {
+        if let Some(Slot::Waiting(body)) = self.slots.first_mut() {
+            body.wait = Wait::Until(time_s);
+        }
+        self
+    }
+
     /// Name of the program.
     pub fn name(&self) -> &str {
         &self.program.name
