@@ -80,7 +80,7 @@ impl FakeArm {
             }
             Motion::Insert(insert) => self.advance(insert.depth_mm),
             Motion::Retract(retract) => self.advance(retract.depth_mm),
-            Motion::Joint(_) | Motion::Rcm(_) => panic!("no such moves are expected"),
+            Motion::Joint(_) => panic!("no such moves are expected"),
         }
         Ok(())
     }
