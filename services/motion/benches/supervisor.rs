@@ -116,11 +116,13 @@ fn ways(criterion: &mut Criterion) {
     });
     criterion.bench_function("way/past a standing arm", |bench| {
         bench.iter(|| {
-            let way = walker.sweep(&plan, black_box(&JOINTS[0])).unwrap();
-            way.keeps_clear_of(&other, &keep).unwrap();
+            let way = walker
+                .sweep(&plan, black_box(&JOINTS[0]))
+                .expect("the way is clear");
+            way.keeps_clear_of(&other, &keep).expect("the way is clear");
         });
     });
-    let way = walker.sweep(&plan, &JOINTS[0]).unwrap();
+    let way = walker.sweep(&plan, &JOINTS[0]).expect("the way is clear");
     let mut their_end = JOINTS[1];
     their_end[0] += 0.3;
     let their_plan = Plan::Joints {
@@ -131,14 +133,19 @@ fn ways(criterion: &mut Criterion) {
         berth: &their_berth,
         ..walker
     };
-    let theirs = their_walker.sweep(&their_plan, &JOINTS[1]).unwrap();
+    let theirs = their_walker
+        .sweep(&their_plan, &JOINTS[1])
+        .expect("the way is clear");
     // So little is asked for that every pair of places is looked at.
     let keep = Keep {
         shafts_mm: -1000.0,
         others_mm: -1000.0,
     };
     criterion.bench_function("way/past the way of another arm", |bench| {
-        bench.iter(|| way.keeps_clear_of_sweep(black_box(&theirs), &keep).unwrap());
+        bench.iter(|| {
+            way.keeps_clear_of_sweep(black_box(&theirs), &keep)
+                .expect("the way is clear")
+        });
     });
 }
 

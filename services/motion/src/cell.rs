@@ -34,7 +34,7 @@ enum Neighbour {
     /// It stands where it was measured.
     Beside {
         side: Side,
-        clearance: Clearance,
+        clearance: Box<Clearance>,
         record: Arc<Mutex<[Record; 2]>>,
     },
 }
@@ -97,7 +97,7 @@ impl Berth {
             shape: clearance.shape(side),
             neighbour: Neighbour::Beside {
                 side,
-                clearance,
+                clearance: Box::new(clearance),
                 record: record.clone(),
             },
         })
