@@ -1,5 +1,7 @@
 //! What the watch over both arms costs a controller cycle, and what it costs to look at a way before a move.
 
+#![allow(missing_docs)] // criterion's macros write functions without any
+
 use std::f64::consts::FRAC_PI_2;
 use std::hint::black_box;
 
