@@ -85,6 +85,8 @@ where
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_1_SQRT_2;
+
     use super::*;
     use crate::cell::Other;
     use crate::config::Config;
@@ -114,7 +116,10 @@ mod tests {
 
     #[test]
     fn arms_at_rest_in_the_cell_keep_their_distance() {
-        let layout = measured([350.0, 750.0, 0.0], [0.7071068, 0.0, 0.0, -0.7071068]);
+        let layout = measured(
+            [350.0, 750.0, 0.0],
+            [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2],
+        );
         let [forceps, arthroscope] = seated(layout).unwrap();
         let bodies = [&forceps, &arthroscope].map(|setup| {
             let joints = setup.neutral_joints_rad;
