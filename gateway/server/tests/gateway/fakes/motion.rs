@@ -73,7 +73,7 @@ impl FakeArm {
             }
             Motion::Insert(insert) => self.advance(insert.depth_mm),
             Motion::Retract(retract) => self.advance(retract.depth_mm),
-            Motion::Joint(_) => panic!("no joint moves are expected"),
+            Motion::Joint(_) | Motion::Rcm(_) => panic!("no such moves are expected"),
         }
         Ok(())
     }
@@ -251,6 +251,7 @@ impl MotionService for FakeMotion {
             Motion::Insert(_) => "INSERT",
             Motion::Retract(_) => "RETRACT",
             Motion::Joint(_) => "JOINT",
+            Motion::Rcm(_) => "RCM",
         };
         let command = format!("{verb} {}", name(arm));
         let id = self
