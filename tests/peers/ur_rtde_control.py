@@ -18,7 +18,7 @@ from rtde_receive import RTDEReceiveInterface
 # Where the joints end after a move that the drives follow with a lag.
 AT_REST_RAD = 2e-3
 KINEMATICS = 1e-6
-# ur-rtde 1.6.5 sends an offset of nothing but zeros in a recipe that has no room for it, which no controller can read.
+# ur-rtde 1.6.5 sends an offset of nothing but zeros in a recipe that has no room for it, so that its script reads the offset of the call before.
 NO_TOOL = [0.0, 0.0, 1e-9, 0.0, 0.0, 0.0]
 
 
@@ -37,8 +37,16 @@ class Arm:
     def stands(self):
         return ur5.until(lambda: max(map(abs, self.receive.getActualQd())) < 1e-4, 3)
 
+    def flanges(self, when):
+        for bend in (0.1, -0.4):
+            joints = [angle + bend * (1 + 0.1 * i) for i, angle in enumerate(self.home)]
+            found = self.control.getForwardKinematics(joints, [0.0] * 6)
+            expected = ur5.flat(ur5.forward(self.series, joints))
+            self.check.near(f"forward kinematics without offset {when}", ur5.flat(ur5.matrix(found)), expected, KINEMATICS)
+
     def kinematics(self):
         check, control = self.check, self.control
+        self.flanges("before any other")
         for bend in (0.0, 0.3, -0.7):
             joints = [angle + bend * (1 + 0.1 * i) for i, angle in enumerate(self.home)]
             tool = [0.01, -0.02, 0.15, 0.1, 0.2, -0.3]
@@ -52,6 +60,9 @@ class Arm:
             again = ur5.forward(self.series, solved)
             check.near("forward of inverse", ur5.flat(again), ur5.flat(ur5.matrix(flange)), KINEMATICS)
             check("a solution is announced", control.getInverseKinematicsHasSolution(flange, near))
+        control.getForwardKinematics(self.home, NO_TOOL)
+        self.flanges("after others")
+        check("the script runs on", control.isProgramRunning() and control.isConnected())
         q, pose = self.receive.getActualQ(), self.receive.getActualTCPPose()
         check.near("pose that is received", ur5.flat(ur5.matrix(pose)), ur5.flat(ur5.forward(self.series, q)), KINEMATICS)
         check("pose within limits", control.isPoseWithinSafetyLimits(pose))

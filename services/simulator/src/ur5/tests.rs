@@ -1,3 +1,4 @@
+mod inputs;
 mod loopback;
 mod modes;
 mod readers;

@@ -1,6 +1,8 @@
 //! The RTDE server: one recipe of outputs and any number of recipes of inputs for each connection, and the gate that lets
 //! controlling clients keep pace with a clock faster than theirs.
 
+mod inputs;
+
 use std::{
     collections::HashMap,
     io,
@@ -17,6 +19,7 @@ use tokio::{
 };
 use ur_link::rtde::wire::{self, Frame, Reply, Request, Type, Version};
 
+use self::inputs::{Recipe, Warnings};
 use super::{Shared, lock, outlet::Outlet};
 use crate::ur5::{
     Controller, Input, Output, Series, Teller, Version as Software, link_fault::Place,
@@ -55,8 +58,9 @@ struct Client {
 struct Session {
     version: Version,
     outputs: Option<Outputs>,
-    inputs: Vec<Arc<[(Input, Type)]>>,
+    inputs: Vec<Arc<Recipe>>,
     started: bool,
+    warnings: Warnings,
 }
 
 #[derive(Debug)]
@@ -221,11 +225,12 @@ pub(super) async fn converse(
 
 impl Client {
     fn answer(&self, frame: Frame<'_>, hub: &Hub, controller: &Shared) -> io::Result<()> {
+        if frame.is_data() {
+            self.write_inputs(frame.payload, hub, controller);
+            return Ok(());
+        }
         let version = lock(&self.session).version;
         let request = Request::decode(frame, version).map_err(violation)?;
-        if let Request::Data { recipe, fields } = &request {
-            return self.write_inputs(*recipe, fields, hub, controller);
-        }
         // The clock locks the controller before a session, so nobody may do it the other way round.
         let (software, series, told) = {
             let controller = lock(controller);
@@ -285,48 +290,13 @@ impl Client {
                 self.attentive.store(false, Ordering::Release);
                 Reply::Pause { accepted: true }
             }
+            // Taken above, without a copy of its fields.
             Request::Data { .. } => return Ok(()),
         };
         let mut bytes = Vec::new();
         reply.encode(version, &mut bytes);
         // Still under the session's lock: data packages must not overtake the answer to a start.
         self.outlet.queue(&bytes)
-    }
-
-    fn write_inputs(
-        &self,
-        recipe: u8,
-        fields: &[u8],
-        hub: &Hub,
-        controller: &Shared,
-    ) -> io::Result<()> {
-        let (known, started) = {
-            let session = lock(&self.session);
-            let known = usize::from(recipe)
-                .checked_sub(1)
-                .and_then(|index| session.inputs.get(index).cloned());
-            (known, session.started)
-        };
-        let Some(inputs) = known else {
-            return Err(io::Error::other(format!("no input recipe {recipe}")));
-        };
-        let types: Vec<_> = inputs.iter().map(|(_, kind)| *kind).collect();
-        let Some(values) = wire::take_values(&types, fields) else {
-            return Err(io::Error::other(format!(
-                "package does not match input recipe {recipe}"
-            )));
-        };
-        {
-            let mut controller = lock(controller);
-            inputs
-                .iter()
-                .zip(values)
-                .for_each(|((input, _), value)| controller.write_input(*input, value));
-        }
-        if started {
-            self.answered(hub);
-        }
-        Ok(())
     }
 
     fn one_less_unanswered(&self) {

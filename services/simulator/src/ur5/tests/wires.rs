@@ -13,7 +13,7 @@ use crate::ur5::servers::{Ports, lock, serve};
 use crate::ur5::{Series, ServerOptions, Servers, Shared};
 
 /// An RTDE client that knows frames only.
-struct Rtde(TcpStream);
+pub(super) struct Rtde(pub(super) TcpStream);
 
 impl Rtde {
     /// Started with these outputs at this rate.
@@ -28,7 +28,7 @@ impl Rtde {
         client
     }
 
-    async fn send(&mut self, kind: u8, payload: &[u8]) {
+    pub(super) async fn send(&mut self, kind: u8, payload: &[u8]) {
         let size = (payload.len() + HEADER_BYTES) as u16;
         let mut frame = size.to_be_bytes().to_vec();
         frame.push(kind);
@@ -36,7 +36,7 @@ impl Rtde {
         self.0.write_all(&frame).await.unwrap();
     }
 
-    async fn ask(&mut self, kind: u8, payload: &[u8]) -> Vec<u8> {
+    pub(super) async fn ask(&mut self, kind: u8, payload: &[u8]) -> Vec<u8> {
         self.send(kind, payload).await;
         loop {
             let (answered, payload) = self.frame().await.unwrap();
@@ -46,7 +46,7 @@ impl Rtde {
         }
     }
 
-    async fn frame(&mut self) -> std::io::Result<(u8, Vec<u8>)> {
+    pub(super) async fn frame(&mut self) -> std::io::Result<(u8, Vec<u8>)> {
         let size = usize::from(self.0.read_u16().await?);
         let kind = self.0.read_u8().await?;
         let mut payload = vec![0; size - HEADER_BYTES];
@@ -66,13 +66,13 @@ impl Rtde {
 }
 
 /// A controller whose clock the test turns.
-struct Bound {
-    controller: Shared,
-    servers: Servers,
+pub(super) struct Bound {
+    pub(super) controller: Shared,
+    pub(super) servers: Servers,
 }
 
 impl Bound {
-    async fn of(series: Series) -> Self {
+    pub(super) async fn of(series: Series) -> Self {
         let controller: Shared =
             std::sync::Arc::new(std::sync::Mutex::new(Controller::new(Config {
                 powered: true,
@@ -89,7 +89,7 @@ impl Bound {
         }
     }
 
-    fn tick(&self, cycles: u32) {
+    pub(super) fn tick(&self, cycles: u32) {
         for _ in 0..cycles {
             lock(&self.controller).tick();
             self.servers.ticked();

@@ -1,16 +1,18 @@
 //! Runs a program a little each controller cycle: every thread goes on until it waits for something or has used up its
 //! share of the cycle.
 
+mod memory;
+mod operations;
+mod thread;
+mod variables;
+
 use std::sync::Arc;
 
+use self::{operations::Flow, thread::Thread};
 use super::{
-    Error, Place,
-    builtins::{self, Context, Outcome},
-    code::{Op, Program, Symbol},
-    operators::{binary, truth, unary},
-    parts::{self, PathStep, item},
+    Error,
+    code::{Program, Symbol},
     sockets::Sockets,
-    syntax::Scope,
     value::Value,
 };
 use crate::ur5::robot::{Robot, ThreadId, Ticket};
@@ -20,11 +22,6 @@ use crate::ur5::robot::{Robot, ThreadId, Ticket};
 const OPS_PER_CYCLE: u32 = 6_000;
 /// Handle of the program's body, which no thread gets: programs initialise their handles with 0 and kill that.
 const BODY: i32 = -1;
-/// Elements of all values that a program may hold.
-const MAX_HELD: usize = 2_000_000;
-/// They are counted after so many elements of values were made.
-const COUNT_AFTER: usize = 500_000;
-const MAX_CALLS: usize = 100;
 const MAX_THREADS: usize = 50;
 
 /// A running program.
@@ -49,25 +46,6 @@ enum Slot {
     Free,
     Running,
     Waiting(Thread),
-}
-
-#[derive(Debug)]
-struct Thread {
-    id: ThreadId,
-    /// What `run` gave; never used again for another thread.
-    handle: i32,
-    stack: Vec<Value>,
-    calls: Vec<Call>,
-    wait: Wait,
-    /// When the built-in began that is not done yet.
-    began_s: Option<f64>,
-}
-
-#[derive(Debug)]
-struct Call {
-    function: usize,
-    next: usize,
-    locals: Vec<(Symbol, Value)>,
 }
 
 /// What a thread waits for.
@@ -96,15 +74,6 @@ pub enum Ending {
     Finished,
     /// Runtime exception.
     Failed(Error),
-}
-
-/// What follows one operation.
-enum Flow {
-    /// Goes on, having cost so many operations.
-    Next(u32),
-    Wait(Wait),
-    ThreadEnds,
-    ProgramEnds,
 }
 
 impl Machine {
@@ -233,207 +202,6 @@ impl Machine {
         }
     }
 
-    fn operate(
-        &mut self,
-        slot: usize,
-        thread: &mut Thread,
-        robot: &mut Robot,
-    ) -> Result<Flow, String> {
-        let program = Arc::clone(&self.program);
-        let Some(call) = thread.calls.last_mut() else {
-            return Ok(Flow::ThreadEnds);
-        };
-        let Some(op) = program.functions[call.function].ops.get(call.next) else {
-            return Ok(Flow::ThreadEnds);
-        };
-        let at = call.next;
-        call.next += 1;
-        match op {
-            Op::Const(value) => thread.stack.push(value.clone()),
-            Op::Load(symbol) => {
-                let value = self.load(thread, *symbol)?;
-                thread.stack.push(value);
-            }
-            Op::Store(scope, symbol) => {
-                let value = thread.pop();
-                self.store(thread, *scope, *symbol, value);
-            }
-            Op::StorePart(symbol, path) => {
-                let value = thread.pop();
-                let indices = thread.pop_many(index_count(path));
-                let variable = self.variable(thread, *symbol)?;
-                parts::store(variable, path, &indices, value)?;
-                let weight = variable.bounded()?;
-                return self.made(thread, weight);
-            }
-            Op::Method(symbol, path, method, count) => {
-                let arguments = thread.pop_many(*count);
-                let indices = thread.pop_many(index_count(path));
-                let variable = self.variable(thread, *symbol)?;
-                let result = method.call(variable, path, &indices, &arguments)?;
-                let weight = variable.bounded()? + result.bounded()?;
-                thread.stack.push(result);
-                return self.made(thread, weight);
-            }
-            Op::List(count) => {
-                let list = Value::list(thread.pop_many(*count));
-                return self.push(thread, list);
-            }
-            Op::Struct(names) => {
-                let members = names.iter().cloned().zip(thread.pop_many(names.len()));
-                let structure = Value::Struct(Arc::new(members.collect()));
-                return self.push(thread, structure);
-            }
-            Op::Member(name) => {
-                let owner = thread.pop();
-                thread.stack.push(parts::member(&owner, name)?);
-            }
-            Op::Pose => {
-                let numbers: Option<Vec<_>> =
-                    thread.pop_many(6).iter().map(Value::number).collect();
-                let pose = numbers.and_then(|numbers| numbers.try_into().ok());
-                thread
-                    .stack
-                    .push(Value::Pose(pose.ok_or("a pose is made of numbers")?));
-            }
-            Op::Index => {
-                let (index, list) = (thread.pop(), thread.pop());
-                thread.stack.push(item(&list, &index)?);
-            }
-            Op::Unary(operator) => {
-                let operand = thread.pop();
-                return self.push(thread, unary(*operator, &operand)?);
-            }
-            Op::Binary(operator) => {
-                let (right, left) = (thread.pop(), thread.pop());
-                return self.push(thread, binary(*operator, &left, &right)?);
-            }
-            Op::Jump(to) => call.next = *to,
-            Op::JumpIfFalse(to) => {
-                let to = *to;
-                if !truth(&thread.pop())? {
-                    thread.jump(to);
-                }
-            }
-            Op::ShortCut(decisive, to) => {
-                let (decisive, to) = (*decisive, *to);
-                if truth(thread.top())? == decisive {
-                    thread.jump(to);
-                } else {
-                    thread.pop();
-                }
-            }
-            Op::CheckBool => {
-                truth(thread.top())?;
-            }
-            Op::Call(function) => {
-                if thread.calls.len() >= MAX_CALLS {
-                    return Err(format!("more than {MAX_CALLS} calls inside each other"));
-                }
-                let locals = thread.arguments(&program, *function);
-                thread.calls.push(Call {
-                    function: *function,
-                    next: 0,
-                    locals,
-                });
-            }
-            Op::Builtin(number, count) => {
-                let arguments = thread.pop_many(*count);
-                let now_s = robot.now_s();
-                let mut context = Context {
-                    robot,
-                    sockets: &mut self.sockets,
-                    thread: thread.id,
-                    secondary: program.secondary,
-                    waited_s: thread.began_s.map(|began_s| now_s - began_s),
-                };
-                return match builtins::call(*number, &mut context, &arguments)? {
-                    Outcome::Value(value) => {
-                        thread.began_s = None;
-                        let cost = builtins::cost(*number);
-                        match self.push(thread, value)? {
-                            Flow::Next(more) => Ok(Flow::Next(cost + more)),
-                            other => Ok(other),
-                        }
-                    }
-                    Outcome::Wait(wait) => {
-                        thread.stack.push(Value::None);
-                        Ok(Flow::Wait(wait))
-                    }
-                    Outcome::Again => {
-                        thread.began_s.get_or_insert(now_s);
-                        thread.stack.extend(arguments);
-                        thread.jump(at);
-                        Ok(Flow::Wait(Wait::Cycle))
-                    }
-                };
-            }
-            Op::Run(function) => {
-                let locals = thread.arguments(&program, *function);
-                let handle = self.start(robot.new_thread(), *function, locals)?;
-                thread.stack.push(Value::Int(handle));
-            }
-            Op::Return => {
-                let value = thread.pop();
-                thread.calls.pop();
-                if thread.calls.is_empty() {
-                    return Ok(Flow::ThreadEnds);
-                }
-                thread.stack.push(value);
-            }
-            Op::Pop => drop(thread.pop()),
-            Op::Kill => {
-                let victim = thread_handle(&thread.pop())?;
-                if victim == thread.handle {
-                    return Ok(Flow::ThreadEnds);
-                }
-                if let Some(slot) = self.slot_of(victim)
-                    && let Slot::Waiting(killed) = &self.slots[slot]
-                {
-                    self.end(slot, killed.id, robot);
-                }
-            }
-            Op::Join => {
-                let other = thread_handle(&thread.pop())?;
-                return Ok(Flow::Wait(Wait::Thread(other)));
-            }
-            Op::EnterCritical => self.critical = Some(slot),
-            Op::ExitCritical => self.critical = None,
-            Op::Halt => return Ok(Flow::ProgramEnds),
-        }
-        Ok(Flow::Next(1))
-    }
-
-    /// Pushes a value just made.
-    fn push(&mut self, thread: &mut Thread, value: Value) -> Result<Flow, String> {
-        let weight = value.bounded()?;
-        thread.stack.push(value);
-        self.made(thread, weight)
-    }
-
-    /// A value of this weight was made. Once in a while all that the program holds is counted.
-    fn made(&mut self, running: &Thread, weight: usize) -> Result<Flow, String> {
-        self.made += weight;
-        if self.made > COUNT_AFTER {
-            self.made = 0;
-            let mut room = MAX_HELD;
-            let mut count = |value: &Value| {
-                room = room.saturating_sub(value.weight());
-                room > 0
-            };
-            let fits = self.globals.iter().flatten().all(&mut count)
-                && self.slots.iter().all(|slot| match slot {
-                    Slot::Waiting(thread) => thread.values().all(&mut count),
-                    Slot::Free | Slot::Running => true,
-                })
-                && running.values().all(&mut count);
-            if !fits {
-                return Err(format!("the program holds more than {MAX_HELD} elements"));
-            }
-        }
-        Ok(Flow::Next(1 + weight as u32 / 8))
-    }
-
     fn start(
         &mut self,
         id: ThreadId,
@@ -465,123 +233,5 @@ impl Machine {
         if self.critical == Some(slot) {
             self.critical = None;
         }
-    }
-
-    fn load(&mut self, thread: &mut Thread, symbol: Symbol) -> Result<Value, String> {
-        self.variable(thread, symbol).cloned()
-    }
-
-    /// A local of this name, else a global. The body of the program has globals only, so that its functions see them.
-    fn variable<'t>(
-        &'t mut self,
-        thread: &'t mut Thread,
-        symbol: Symbol,
-    ) -> Result<&'t mut Value, String> {
-        let local = thread.calls.last_mut().and_then(|call| call.local(symbol));
-        let found = local.or(self.globals[symbol].as_mut());
-        match found {
-            None | Some(Value::None) => Err(format!(
-                "variable {} has no value",
-                self.program.symbols[symbol]
-            )),
-            Some(value) => Ok(value),
-        }
-    }
-
-    fn store(&mut self, thread: &mut Thread, scope: Scope, symbol: Symbol, value: Value) {
-        let in_body = thread.calls.last().is_none_or(|call| call.function == 0);
-        let Some(call) = thread.calls.last_mut() else {
-            return;
-        };
-        let global = match scope {
-            Scope::Global => true,
-            Scope::Local => in_body,
-            Scope::Nearest => {
-                call.local(symbol).is_none() && (in_body || self.globals[symbol].is_some())
-            }
-        };
-        if global {
-            self.globals[symbol] = Some(value);
-        } else if let Some(local) = call.local(symbol) {
-            *local = value;
-        } else {
-            call.locals.push((symbol, value));
-        }
-    }
-}
-
-impl Thread {
-    fn new(id: ThreadId, handle: i32, function: usize, locals: Vec<(Symbol, Value)>) -> Self {
-        Self {
-            id,
-            handle,
-            stack: Vec::new(),
-            calls: vec![Call {
-                function,
-                next: 0,
-                locals,
-            }],
-            wait: Wait::Cycle,
-            began_s: None,
-        }
-    }
-
-    fn place(&self, program: &Program) -> Place {
-        let call = self.calls.last();
-        call.and_then(|call| program.functions[call.function].places.get(call.next))
-            .copied()
-            .unwrap_or_default()
-    }
-
-    fn values(&self) -> impl Iterator<Item = &Value> {
-        let locals = self.calls.iter().flat_map(|call| &call.locals);
-        self.stack.iter().chain(locals.map(|(_, value)| value))
-    }
-
-    fn pop(&mut self) -> Value {
-        self.stack.pop().unwrap_or(Value::None)
-    }
-
-    fn pop_many(&mut self, count: usize) -> Vec<Value> {
-        self.stack.split_off(self.stack.len().saturating_sub(count))
-    }
-
-    fn top(&self) -> &Value {
-        self.stack.last().unwrap_or(&Value::None)
-    }
-
-    fn jump(&mut self, to: usize) {
-        if let Some(call) = self.calls.last_mut() {
-            call.next = to;
-        }
-    }
-
-    fn arguments(&mut self, program: &Program, function: usize) -> Vec<(Symbol, Value)> {
-        let params = &program.functions[function].params;
-        params
-            .iter()
-            .copied()
-            .zip(self.pop_many(params.len()))
-            .collect()
-    }
-}
-
-impl Call {
-    fn local(&mut self, symbol: Symbol) -> Option<&mut Value> {
-        self.locals
-            .iter_mut()
-            .find(|(name, _)| *name == symbol)
-            .map(|(_, value)| value)
-    }
-}
-
-fn index_count(path: &[PathStep]) -> usize {
-    path.iter().filter(|step| **step == PathStep::Index).count()
-}
-
-fn thread_handle(value: &Value) -> Result<i32, String> {
-    match value {
-        Value::Int(handle) => Ok(*handle),
-        other => Err(format!("{} where a thread should be", other.kind())),
     }
 }
