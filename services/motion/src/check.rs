@@ -17,9 +17,10 @@ use crate::rcm::paper::Formula;
 use crate::rcm::path::direction_to;
 use crate::rcm::straight::Straight;
 use crate::rcm::{Portal, RcmPath, Regain, shaft};
+use crate::roll::Choice;
 use crate::sweep::Walker;
 use crate::trajectory::straight::walk_straight;
-use crate::trajectory::{Margins, Speeds, Trajectory, reach};
+use crate::trajectory::{Margins, PlanTrajectory, Speeds, Trajectory, reach};
 
 /// Depth of the pivot: the tip is just outside, mm.
 const PIVOT_DEPTH_MM: f64 = -5.0;
@@ -39,6 +40,8 @@ pub struct DryRun {
     pub period_s: f64,
     /// How targets are reached.
     pub method: Method,
+    /// What becomes of the roll on the way in; counts for [`Method::Rcm`].
+    pub roll: Choice,
     /// Where it stands in the cell.
     pub berth: Berth,
 }
@@ -178,22 +181,46 @@ impl DryRun {
     ) -> Result<(Margins, f64, Waiting), Error> {
         let path = RcmPath::pivot(&from.base_from_tool, self.portal, *target)
             .ok_or_else(|| Error::invalid("targets", "is the portal; must be another point"))?;
-        let aimed = path.pose(1.0);
         let pivot = self.plan(path, &from.joints_rad)?;
+        let aimed = pivot.path().pose(1.0);
         let path = RcmPath::along(&aimed, self.portal, depth_mm, Regain::Nothing);
         let insertion = self.plan(path, &pivot.end())?;
         self.keeps_clear(&pivot, &from.joints_rad)?;
         self.keeps_clear(&insertion, &pivot.end())?;
-        // The retraction is the insertion backwards: it ends where the pivot did.
-        let outside = Waiting {
-            joints_rad: pivot.end(),
-            base_from_tool: aimed,
+        let margins = pivot.margins().worst(&insertion.margins());
+        let (margins, outside) = match self.roll {
+            // The retraction is the insertion backwards: it ends where the pivot did.
+            Choice::Keep => {
+                let outside = Waiting {
+                    joints_rad: pivot.end(),
+                    base_from_tool: aimed,
+                };
+                (margins, outside)
+            }
+            Choice::Free => {
+                let (retraction, outside) = self.retract(&insertion)?;
+                (margins.worst(&retraction), outside)
+            }
         };
         Ok((
-            pivot.margins().worst(&insertion.margins()),
+            margins,
             pivot.duration_s() + insertion.duration_s(),
             outside,
         ))
+    }
+
+    /// Back out with the roll that the insertion ended with.
+    fn retract(&self, insertion: &Trajectory) -> Result<(Margins, Waiting), Error> {
+        let inside = insertion.path().pose(1.0);
+        let path = RcmPath::along(&inside, self.portal, PIVOT_DEPTH_MM, Regain::Nothing);
+        let base_from_tool = path.pose(1.0);
+        let retraction = self.timed(Trajectory::plan, path, &insertion.end())?;
+        self.keeps_clear(&retraction, &insertion.end())?;
+        let outside = Waiting {
+            joints_rad: retraction.end(),
+            base_from_tool,
+        };
+        Ok((retraction.margins(), outside))
     }
 
     /// Of the planes and of the other arm where it is now.
@@ -250,11 +277,24 @@ impl DryRun {
     }
 
     fn plan(&self, path: RcmPath, start: &Joints) -> Result<Trajectory, Error> {
+        let plan = match self.roll {
+            Choice::Keep => Trajectory::plan,
+            Choice::Free => Trajectory::plan_rolling,
+        };
+        self.timed(plan, path, start)
+    }
+
+    fn timed(
+        &self,
+        plan: PlanTrajectory,
+        path: RcmPath,
+        start: &Joints,
+    ) -> Result<Trajectory, Error> {
         let speeds = Speeds {
             tip_mm_s: self.limits.inside_speed_mm_s,
             turn_rad_s: self.limits.pivot_speed_rad_s,
         };
-        Trajectory::plan(self.arm, path, start, &self.limits, speeds, self.period_s)
+        plan(self.arm, path, start, &self.limits, speeds, self.period_s)
     }
 }
 

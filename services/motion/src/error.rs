@@ -3,6 +3,8 @@
 use arthro_bootstrap::status;
 use tonic::Status;
 
+use crate::roll::profile::NoRoll;
+
 /// A refused request. Each but [`Error::Invalid`] is a refusal by the state of the cell: nothing moved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -138,6 +140,9 @@ pub enum Error {
         /// Where.
         percent: f64,
     },
+    /// No roll about the shaft takes the arm along the way.
+    #[error(transparent)]
+    NoRoll(#[from] NoRoll),
     /// The way passes a singularity or changes the branch.
     #[error(
         "joint {joint} would jump by {jump_rad:.3} rad at {percent:.0} % of the way; limit {limit_rad} rad"
@@ -292,6 +297,7 @@ impl Error {
             Self::TurnTooWide { .. } => "TURN_TOO_WIDE",
             Self::OutOfReach { .. } => "OUT_OF_REACH",
             Self::JointLimit { .. } | Self::JointJump { .. } => "JOINT_LIMIT",
+            Self::NoRoll(no) => no.reason(),
             Self::RcmDeviation { .. } => "RCM_DEVIATION",
             Self::Workspace { .. } => "WORKSPACE",
             Self::ArmsTooNear { .. } => "ARMS_TOO_NEAR",
@@ -356,6 +362,9 @@ impl Error {
                 ("limit_rad", limit_rad.to_string()),
             ],
             Self::OutOfReach { percent } | Self::JointLimit { percent } => {
+                vec![("percent_of_way", percent.to_string())]
+            }
+            Self::NoRoll(NoRoll::Ends { percent, .. }) => {
                 vec![("percent_of_way", percent.to_string())]
             }
             Self::JointJump {

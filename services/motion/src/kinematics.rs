@@ -53,6 +53,11 @@ impl ToolArm {
         }
     }
 
+    /// The same arm as drawn, without its calibration.
+    pub fn drawn(&self) -> Self {
+        Self::new(self.model.drawn(), self.flange_from_tool)
+    }
+
     /// The arm without its tool.
     pub fn model(&self) -> &Model {
         &self.model

@@ -60,8 +60,8 @@ pub enum Move {
         aim: Option<Aim>,
         /// Depth at the end, mm.
         depth_mm: f64,
-        /// About the shaft at the end, from the portal's reference, rad; `None`: as it is.
-        roll_rad: Option<f64>,
+        /// About the shaft.
+        roll: Roll,
         /// Tip speed, mm/s.
         speed_mm_s: Option<f64>,
         /// Turning speed, rad/s.
@@ -74,6 +74,17 @@ pub enum Move {
         /// Speed of the leading joint, rad/s.
         speed_rad_s: Option<f64>,
     },
+}
+
+/// What becomes of the roll about the shaft.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Roll {
+    /// It stays as it is.
+    Kept,
+    /// At the end, from the portal's reference, rad.
+    To(f64),
+    /// It is chosen along the way.
+    Free,
 }
 
 /// Where a shaft shall point.
@@ -135,12 +146,12 @@ impl Situation<'_> {
             Move::Rcm {
                 aim,
                 depth_mm,
-                roll_rad,
+                roll,
                 speed_mm_s,
                 speed_rad_s,
             } => {
                 let speeds = self.speeds(*speed_mm_s, *speed_rad_s);
-                self.plan_rcm(*aim, *depth_mm, *roll_rad, speeds)
+                self.plan_rcm(*aim, *depth_mm, *roll, speeds)
             }
         }
     }

@@ -25,6 +25,16 @@ pub fn rolled(base_from_tool: &Rigid<Base, Tool>, roll_rad: f64) -> Rigid<Base, 
     )
 }
 
+/// Whether a move may choose the roll about the shaft.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Choice {
+    /// The roll stays as it is, or goes where the move says.
+    #[default]
+    Keep,
+    /// It is chosen along the way.
+    Free,
+}
+
 /// What counts as far enough from a limit or a singularity: each distance is divided by it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comfort {

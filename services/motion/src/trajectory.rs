@@ -12,6 +12,7 @@ use crate::error::Error;
 use crate::kinematics::{Joints, ToolArm, Unreachable, largest_difference};
 use crate::limits::Limits;
 use crate::rcm::{Placement, RcmPath};
+use crate::roll::profile::Search;
 use crate::time_law::TimeLaw;
 
 /// The shaft's largest distance to where the path has it, at a sample, mm.
@@ -45,6 +46,10 @@ pub struct Speeds {
     pub turn_rad_s: f64,
 }
 
+/// [`Trajectory::plan`] or [`Trajectory::plan_rolling`].
+pub type PlanTrajectory =
+    fn(ToolArm, RcmPath, &Joints, &Limits, Speeds, f64) -> Result<Trajectory, Error>;
+
 impl Trajectory {
     /// Plans the timing of `path` from the joints `start` and walks through all of its samples.
     pub fn plan(
@@ -55,12 +60,7 @@ impl Trajectory {
         speeds: Speeds,
         period_s: f64,
     ) -> Result<Self, Error> {
-        if path.turn_rad() > PIVOT_MAX_RAD {
-            return Err(Error::TurnTooWide {
-                turn_rad: path.turn_rad(),
-                limit_rad: PIVOT_MAX_RAD,
-            });
-        }
+        must_not_turn_too_far(&path)?;
         let law = if path.is_still() {
             None
         } else {
@@ -85,6 +85,23 @@ impl Trajectory {
             });
         }
         Ok(trajectory)
+    }
+
+    /// The same with the roll about the shaft chosen along the way: tip and shaft are those of `path`.
+    ///
+    /// # Errors
+    /// NO_ROLL where no roll leads on, and whatever the rolled path is refused for.
+    pub fn plan_rolling(
+        arm: ToolArm,
+        path: RcmPath,
+        start: &Joints,
+        limits: &Limits,
+        speeds: Speeds,
+        period_s: f64,
+    ) -> Result<Self, Error> {
+        must_not_turn_too_far(&path)?;
+        let profile = Search::default().profile(&arm, |s| path.pose(s), start)?;
+        Self::plan(arm, path.rolled(profile), start, limits, speeds, period_s)
     }
 
     /// The joints at its end.
@@ -184,6 +201,17 @@ impl Trajectory {
         let deviation_mm = Placement::of(&base_from_tool, &self.path.portal()).deviation_mm();
         (deviation_mm - self.path.planned_deviation_mm(s)).abs()
     }
+}
+
+fn must_not_turn_too_far(path: &RcmPath) -> Result<(), Error> {
+    let turn_rad = path.turn_rad();
+    if (..=PIVOT_MAX_RAD).contains(&turn_rad) {
+        return Ok(());
+    }
+    Err(Error::TurnTooWide {
+        turn_rad,
+        limit_rad: PIVOT_MAX_RAD,
+    })
 }
 
 /// The joints at `s` of a path.

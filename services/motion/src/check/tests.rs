@@ -20,6 +20,7 @@ fn dry_run() -> DryRun {
         portal: Point3::new(700.0, 0.0, 265.0).into(),
         period_s: 0.008,
         method: Method::Rcm,
+        roll: Choice::Keep,
         berth: Berth::apart(ArmShape::new(&arm, ToolShape::default())),
     }
 }
@@ -126,4 +127,30 @@ fn the_papers_way_is_on_the_portal_when_corrected_and_beside_it_as_printed() {
         Err(Error::RcmDeviation { deviation_mm, .. }) => assert!(deviation_mm > 4.0),
         other => panic!("{other:?}"),
     }
+}
+
+#[test]
+fn a_free_roll_reaches_targets_that_a_kept_one_does_not() {
+    let target = Point3::new(745.0, 40.0, 255.0);
+    let mut free = dry_run();
+    let start = free.neutral_joints_rad;
+    let margin = |dry_run: &DryRun| {
+        let way = dry_run.check(&target).outcome;
+        way.map(|way| way.margins.joint_limit_rad)
+    };
+    // Of a shaft along the flange's axis joint 6 alone bears the roll: it gets half of what the pivot asks for.
+    let mut limits = *free.arm.model().limits();
+    let (least, most) = (start[5] - 0.05, start[5] + 0.05);
+    (limits.min_rad[5], limits.max_rad[5]) = (least, most);
+    let model = free.arm.model().with_limits(limits);
+    free.arm = ToolArm::new(model, free.arm.flange_from_tool());
+    assert_eq!(margin(&free).unwrap_err().reason(), "JOINT_LIMIT");
+    free.roll = Choice::Free;
+    assert!(margin(&free).unwrap() > 0.0);
+    // As listed it comes back out and goes in again.
+    let listed = free.check_all(&[target, target], Order::AsListed);
+    assert!(
+        listed.iter().all(|checked| checked.outcome.is_ok()),
+        "{listed:?}"
+    );
 }

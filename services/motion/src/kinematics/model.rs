@@ -143,6 +143,14 @@ impl Model {
         Ok(self)
     }
 
+    /// The same arm as drawn, without its calibration.
+    pub fn drawn(self) -> Self {
+        Self {
+            calibrated: None,
+            ..self
+        }
+    }
+
     /// With other limits of travel.
     pub fn with_limits(mut self, limits: JointLimits) -> Self {
         self.limits = limits;

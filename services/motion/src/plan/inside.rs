@@ -1,11 +1,11 @@
 //! Moves through the portal: the shaft stays on it, in the cone and above the deepest depth.
 
-use super::{Aim, Plan, Situation};
+use super::{Aim, Plan, Roll, Situation};
 use crate::error::Error;
 use crate::rcm::path::{Destination, direction_to};
 use crate::rcm::{Placement, Portal, RcmPath, Regain, shaft};
 use crate::supervisor::Regime;
-use crate::trajectory::{Speeds, Trajectory};
+use crate::trajectory::{PlanTrajectory, Speeds, Trajectory};
 use crate::way::Way;
 use arthro_geometry::nalgebra::Unit;
 use arthro_geometry::{Point3, Vector3};
@@ -79,7 +79,7 @@ impl Situation<'_> {
         &self,
         aim: Option<Aim>,
         depth_mm: f64,
-        roll_rad: Option<f64>,
+        roll: Roll,
         speeds: Speeds,
     ) -> Result<Plan, Error> {
         let (portal, _) = self.must_pass_portal()?;
@@ -96,9 +96,18 @@ impl Situation<'_> {
         let end = Destination {
             direction,
             depth_mm: Some(depth_mm),
-            roll_rad,
+            roll_rad: match roll {
+                Roll::To(roll_rad) => Some(roll_rad),
+                Roll::Kept | Roll::Free => None,
+            },
         };
-        self.stream(&portal, &end, Regain::Portal, speeds, Regime::Inward)
+        let start = self.arm.base_from_tool(self.joints_rad);
+        let path = RcmPath::to(&start, portal, &end, Regain::Portal);
+        let plan = match roll {
+            Roll::Kept | Roll::To(_) => Trajectory::plan,
+            Roll::Free => Trajectory::plan_rolling,
+        };
+        self.timed(plan, path, speeds, Regime::Inward)
     }
 
     /// The speeds asked for; the limits where none are.
@@ -119,7 +128,17 @@ impl Situation<'_> {
     ) -> Result<Plan, Error> {
         let start = self.arm.base_from_tool(self.joints_rad);
         let path = RcmPath::to(&start, *portal, end, regain);
-        let trajectory = Trajectory::plan(
+        self.timed(Trajectory::plan, path, speeds, regime)
+    }
+
+    fn timed(
+        &self,
+        plan: PlanTrajectory,
+        path: RcmPath,
+        speeds: Speeds,
+        regime: Regime,
+    ) -> Result<Plan, Error> {
+        let trajectory = plan(
             *self.arm,
             path,
             self.joints_rad,

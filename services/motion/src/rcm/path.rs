@@ -6,6 +6,7 @@ use arthro_geometry::{Point3, Rigid, Vector3};
 
 use super::portal::{about_shaft, wrap};
 use super::{Coordinates, Placement, Portal, Turn};
+use crate::roll::profile::Profile;
 
 /// The share of a path within which the shaft is brought back onto the portal.
 const REGAIN_SHARE: f64 = 0.2;
@@ -20,6 +21,7 @@ pub struct RcmPath {
     turn: Turn,
     to_depth_mm: f64,
     roll_by_rad: f64,
+    chosen_roll: Option<Profile>,
     offset: Vector3,
     regain: Regain,
 }
@@ -62,6 +64,7 @@ impl RcmPath {
             turn: Turn::between(&from.direction, &to),
             to_depth_mm: end.depth_mm.unwrap_or(from.depth_mm),
             roll_by_rad: wrap(roll_rad - from.roll_rad),
+            chosen_roll: None,
             offset: Placement::of(base_from_tool, &portal.point).offset,
             regain,
         }
@@ -96,12 +99,24 @@ impl RcmPath {
         Self::to(base_from_tool, portal, &end, regain)
     }
 
+    /// The same tip and shaft, rolled by a profile on top of the path's own roll.
+    pub fn rolled(self, profile: Profile) -> Self {
+        Self {
+            chosen_roll: Some(profile),
+            ..self
+        }
+    }
+
     /// The pose at `s`.
     pub fn pose(&self, s: f64) -> Rigid<Base, Tool> {
         let turned = self.turn.part(s);
         let direction = Unit::new_normalize(turned * self.from.direction.into_inner());
-        let rotation = self.portal.unrolled(&direction)
-            * about_shaft(self.from.roll_rad + self.roll_by_rad * s);
+        let chosen_rad = self
+            .chosen_roll
+            .as_ref()
+            .map_or(0.0, |roll| roll.roll_rad(s));
+        let roll_rad = self.from.roll_rad + self.roll_by_rad * s + chosen_rad;
+        let rotation = self.portal.unrolled(&direction) * about_shaft(roll_rad);
         let tip = self.portal.point.coords
             + rotation * Vector3::x() * self.depth_mm(s)
             + turned * self.offset * self.remaining(s);
@@ -128,11 +143,6 @@ impl RcmPath {
         self.turn.angle_rad
     }
 
-    /// The whole change of the roll, rad; negative the other way round.
-    pub fn roll_by_rad(&self) -> f64 {
-        self.roll_by_rad
-    }
-
     /// The whole travel of the tip along the shaft and back onto the portal, mm.
     pub fn travel_mm(&self) -> f64 {
         let regained = self.offset.norm() * (1.0 - self.remaining(1.0));
@@ -142,7 +152,8 @@ impl RcmPath {
     /// Whether it goes nowhere.
     pub fn is_still(&self) -> bool {
         const STILL: f64 = 1e-9;
-        let turned = self.turn_rad().max(self.roll_by_rad.abs());
+        let chosen_rad = self.chosen_roll.as_ref().map_or(0.0, Profile::most_rad);
+        let turned = self.turn_rad().max(self.roll_by_rad.abs()).max(chosen_rad);
         (..STILL).contains(&self.travel_mm().max(turned))
     }
 

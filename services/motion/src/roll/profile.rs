@@ -6,6 +6,9 @@
 //! nothing rolls for nothing. The rolls found are the control points of a uniform cubic B-spline, whose second derivative
 //! is continuous and which stays between them; the smooth profile is walked again at a finer step and its
 //! least margin told.
+//!
+//! The grid is that of the arm as drawn, whose inverse is ten times as fast; a calibrated arm is some millimetres from it.
+//! What is walked in the end is the arm as it is.
 
 use arthro_geometry::Rigid;
 use arthro_geometry::frame::{Base, Tool};
@@ -104,11 +107,15 @@ impl Search {
         if largest_difference(&joints, start).1 > JUMP_RAD {
             return Err(NoRoll::Start);
         }
+        let drawn = arm.drawn();
+        let drawn_joints = drawn
+            .joints(&path(0.0), &joints)
+            .map_err(|_| NoRoll::Start)?;
         let mut stages: Vec<Vec<Option<Place>>> = Vec::with_capacity(pieces + 1);
         let mut first = vec![None; 2 * reach + 1];
         first[reach] = Some(Place {
             cost: 0.0,
-            joints,
+            joints: drawn_joints,
             from: reach,
         });
         stages.push(first);
@@ -120,7 +127,7 @@ impl Search {
             let stage: Vec<Option<Place>> = (0..before.len())
                 .map(|index| {
                     let pose = rolled(&pose, roll_rad(index));
-                    self.best(arm, &pose, before, index, &mut why)
+                    self.best(&drawn, &pose, before, index, &mut why)
                 })
                 .collect();
             if stage.iter().all(Option::is_none) {
@@ -148,23 +155,26 @@ impl Search {
         let near =
             index.saturating_sub(STEPS_A_PIECE)..=(index + STEPS_A_PIECE).min(before.len() - 1);
         let mut best: Option<Place> = None;
-        let mut solved: Option<Joints> = None;
+        let mut solved: Option<(Joints, f64)> = None;
         for from in near {
             let Some(place) = before[from] else {
                 continue;
             };
             // Most ways lead to the same branch.
-            let known =
-                solved.filter(|joints| largest_difference(joints, &place.joints).1 <= JUMP_RAD);
-            let joints = match known.map_or_else(|| arm.joints(pose, &place.joints), Ok) {
-                Ok(joints) => joints,
+            let known = solved
+                .filter(|(joints, _)| largest_difference(joints, &place.joints).1 <= JUMP_RAD);
+            let solve = || {
+                let joints = arm.joints(pose, &place.joints)?;
+                Ok((joints, self.comfort.margin(arm, &joints)))
+            };
+            let (joints, margin) = match known.map_or_else(solve, Ok) {
+                Ok(found) => found,
                 Err(unreachable) => {
                     *why = unreachable;
                     continue;
                 }
             };
-            solved = Some(joints);
-            let margin = self.comfort.margin(arm, &joints);
+            solved = Some((joints, margin));
             if largest_difference(&joints, &place.joints).1 > JUMP_RAD || margin <= 0.0 {
                 *why = Unreachable::JointLimit;
                 continue;
@@ -256,6 +266,13 @@ impl Profile {
             .enumerate()
             .map(|(offset, weight)| weight * control(offset) / 6.0)
             .sum()
+    }
+
+    /// The farthest roll from the start, rad: the spline stays within its control points.
+    pub fn most_rad(&self) -> f64 {
+        self.controls_rad
+            .iter()
+            .fold(0.0, |most, roll| most.max(roll.abs()))
     }
 
     /// The least margin along the way ([`Comfort::margin`]).

@@ -9,6 +9,7 @@ use crate::check::{Checked, DryRun, Method, Order};
 use crate::error::Error;
 use crate::rcm::Portal;
 use crate::rcm::paper::Formula;
+use crate::roll::Choice;
 
 /// Most targets of one dry run.
 const TARGETS_MAX: usize = 1000;
@@ -19,6 +20,7 @@ pub struct Checking {
     portal: Option<Portal>,
     method: Method,
     order: Order,
+    roll: Choice,
 }
 
 /// Reads a request.
@@ -50,7 +52,12 @@ pub fn read(request: proto::CheckMotionRequest) -> Result<(Which, Checking), Err
         Ok(CheckOrder::AsListed) => Some(Order::AsListed),
         Err(_) => found.wrong("order", format!("is {}; must be 0 .. 2", request.order)),
     };
-    let ((which, method), order) = found.finish(which.zip(method).zip(order))?;
+    let roll = found.roll_choice("roll_choice", request.roll_choice);
+    if roll == Some(Choice::Free) && matches!(method, Some(Method::Paper(_))) {
+        let fault = "is ROLL_CHOICE_FREE; goes with REACH_METHOD_RCM only";
+        found.wrong::<()>("roll_choice", fault);
+    }
+    let (((which, method), order), roll) = found.finish(which.zip(method).zip(order).zip(roll))?;
     let portal = match point {
         Some(point) => Some(Portal::new(point, axis)?),
         None => None,
@@ -60,6 +67,7 @@ pub fn read(request: proto::CheckMotionRequest) -> Result<(Which, Checking), Err
         portal,
         method,
         order,
+        roll,
     };
     Ok((which, checking))
 }
@@ -76,6 +84,7 @@ impl Checking {
             portal: self.portal.or(in_force).ok_or(Error::PortalNotSet)?,
             period_s: options.period_s,
             method: self.method,
+            roll: self.roll,
             berth: options.berth.clone(),
         };
         let (targets, order) = (self.targets, self.order);

@@ -15,7 +15,8 @@ use crate::error::Error;
 use crate::kinematics::Joints;
 use crate::limits::Limits;
 use crate::plan::inside::OUTSIDE_MAX_MM;
-use crate::plan::{Aim, Move};
+use crate::plan::{Aim, Move, Roll};
+use crate::roll::Choice;
 
 /// Farthest coordinate that is no mistake, mm.
 const COORDINATE_MAX_MM: f64 = 10_000.0;
@@ -113,6 +114,14 @@ impl Fields {
         }
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         Some(Rigid::new(rotation, translation?.coords))
+    }
+
+    pub fn roll_choice(&mut self, field: &str, choice: i32) -> Option<Choice> {
+        match proto::RollChoice::try_from(choice) {
+            Ok(proto::RollChoice::Unspecified | proto::RollChoice::Keep) => Some(Choice::Keep),
+            Ok(proto::RollChoice::Free) => Some(Choice::Free),
+            Err(_) => self.wrong(field, format!("is {choice}; must be 0 .. 2")),
+        }
     }
 
     fn finite(&mut self, field: &str, value: f64) -> Option<f64> {
@@ -245,6 +254,17 @@ impl Fields {
             Some(roll_rad) => self.finite("rcm.roll_rad", roll_rad).map(Some),
             None => Some(None),
         };
+        let choice = self.roll_choice("rcm.roll_choice", rcm.roll_choice);
+        let roll = match choice.zip(roll_rad) {
+            None => None,
+            Some((Choice::Keep, None)) => Some(Roll::Kept),
+            Some((Choice::Keep, Some(roll_rad))) => Some(Roll::To(roll_rad)),
+            Some((Choice::Free, None)) => Some(Roll::Free),
+            Some((Choice::Free, Some(roll_rad))) => self.wrong(
+                "rcm.roll_rad",
+                format!("is {roll_rad} rad; must be unset with ROLL_CHOICE_FREE"),
+            ),
+        };
         let range = (SPEED_MIN_MM_S, limits.inside_speed_mm_s);
         let speed_mm_s = self.speed("rcm.speed_mm_s", rcm.speed_mm_s, range, "mm/s");
         let range = (SPEED_MIN_RAD_S, limits.pivot_speed_rad_s);
@@ -252,7 +272,7 @@ impl Fields {
         Some(Move::Rcm {
             aim: aim?,
             depth_mm: depth_mm?,
-            roll_rad: roll_rad?,
+            roll: roll?,
             speed_mm_s: speed_mm_s?,
             speed_rad_s: speed_rad_s?,
         })

@@ -1,9 +1,12 @@
+mod free_roll;
+
 use std::f64::consts::FRAC_PI_2;
 
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::kinematics::model::Model;
 use crate::rcm::path::Destination;
 use crate::rcm::straight::Straight;
 use crate::rcm::{Portal, Regain, shaft};
@@ -13,7 +16,7 @@ const START: Joints = [0.479, -1.185, -2.041, 3.004, -1.102, -1.469];
 
 fn arm() -> ToolArm {
     ToolArm::new(
-        crate::kinematics::model::Model::ur5(),
+        Model::ur5(),
         Rigid::new(
             Rotation::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
             Vector3::new(0.0, 0.0, 310.0),

@@ -4,6 +4,7 @@ use arthro_geometry::{Point3, Rotation, Vector3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::kinematics::dh::Dh;
 use crate::kinematics::joint_limits::JointLimits;
 use crate::kinematics::model::Model;
 use crate::rcm::{Placement, RcmPath, shaft};
@@ -90,6 +91,29 @@ fn passes_with_half_the_travel(lean_rad: f64, joint: usize, side: f64) {
         assert!((there.origin() - path.pose(s).origin()).norm() < 1e-6);
         before = joints;
     }
+}
+
+#[test]
+fn a_calibrated_arm_is_walked_as_it_is() {
+    let drawn = leaning(JointLimits::default(), 0.4);
+    let off = Dh {
+        theta_rad: [0.001, -0.001, 0.001, -0.001, 0.001, -0.001],
+        a_mm: [0.5, -0.5, 0.5, -0.5, 0.5, -0.5],
+        d_mm: [0.5, -0.5, 0.5, -0.5, 0.5, -0.5],
+        alpha_rad: [-0.001, 0.001, -0.001, 0.001, -0.001, 0.001],
+    };
+    let table = drawn.model().dh().plus(&off);
+    let model = Model::ur5().calibrated(&table).unwrap();
+    let arm = ToolArm::new(model, drawn.flange_from_tool());
+    let (path, portal) = pivot(&arm, 1.0);
+    let profile = Search::default()
+        .profile(&arm, |s| path.pose(s), &START)
+        .unwrap();
+    let end = arm.base_from_tool(&profile.end());
+    let wanted = rolled(&path.pose(1.0), profile.roll_rad(1.0));
+    assert!((end.origin() - wanted.origin()).norm() < 1e-6);
+    assert!(Placement::of(&end, &portal).deviation_mm() < 1e-6);
+    assert!(profile.margin() > 0.0, "{profile:?}");
 }
 
 #[test]

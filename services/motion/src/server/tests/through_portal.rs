@@ -9,8 +9,7 @@ async fn a_combined_move_turns_rolls_and_inserts_at_once() {
         target: Some(proto::rcm_move::Target::Aim(target(745.0, 15.0, 255.0))),
         depth_mm: 30.0,
         roll_rad: Some(0.4),
-        speed_mm_s: 0.0,
-        speed_rad_s: 0.0,
+        ..proto::RcmMove::default()
     });
     let messages: Vec<_> = cell.begin(wanted).await.unwrap().collect().await;
     let last = messages.last().unwrap().as_ref().unwrap();
@@ -184,4 +183,70 @@ async fn a_portal_is_taught_from_where_the_arm_is_and_other_poses() {
         .await
         .unwrap_err();
     assert_eq!(refusal.code(), Code::InvalidArgument);
+}
+
+#[tokio::test]
+async fn a_free_roll_is_asked_for_and_goes_without_a_roll_of_the_callers() {
+    let mut cell = Cell::new().await;
+    let rcm = |roll_rad, roll_choice: i32| {
+        Wanted::Rcm(proto::RcmMove {
+            target: Some(proto::rcm_move::Target::Aim(target(745.0, 15.0, 255.0))),
+            depth_mm: 10.0,
+            roll_rad,
+            roll_choice,
+            ..proto::RcmMove::default()
+        })
+    };
+    let free = proto::RollChoice::Free.into();
+    let violations = cell.violations(rcm(Some(0.4), free)).await;
+    let (field, fault) = &violations[0];
+    assert_eq!(field, "rcm.roll_rad");
+    assert!(fault.contains("ROLL_CHOICE_FREE"), "{fault}");
+    let (field, _) = &cell.violations(rcm(None, 3)).await[0];
+    assert_eq!(field, "rcm.roll_choice");
+    let messages: Vec<_> = cell.begin(rcm(None, free)).await.unwrap().collect().await;
+    let last = messages.last().unwrap().as_ref().unwrap();
+    let operation = last.operation.as_ref().unwrap();
+    assert_eq!(operation.state(), common::OperationState::Done);
+    let state = last.state.as_ref().unwrap();
+    assert!((state.depth_mm - 10.0).abs() < 1e-3, "{}", state.depth_mm);
+    assert!(last.rcm_deviation_max_mm < 0.01);
+
+    let mut request = proto::CheckMotionRequest {
+        arm: common::Arm::Forceps.into(),
+        targets: vec![target(740.0, 0.0, 260.0)],
+        roll_choice: free,
+        ..proto::CheckMotionRequest::default()
+    };
+    let checked = cell
+        .motion
+        .check_motion(Request::new(request.clone()))
+        .await;
+    assert!(checked.unwrap().into_inner().checks[0].reachable);
+    request.method = proto::ReachMethod::Paper.into();
+    let refusal = cell.motion.check_motion(Request::new(request)).await;
+    let violations = status::violations(&refusal.unwrap_err());
+    assert_eq!(violations[0].0, "roll_choice");
+}
+
+#[test]
+fn without_a_choice_the_roll_is_kept_or_goes_where_the_move_says() {
+    use crate::plan::{Move, Roll};
+    let read = |roll_rad, choice: proto::RollChoice| {
+        let wanted = Wanted::Rcm(proto::RcmMove {
+            roll_rad,
+            roll_choice: choice.into(),
+            ..proto::RcmMove::default()
+        });
+        let limits = crate::limits::Limits::default();
+        match fields::Fields::default().motion(Some(&wanted), &limits) {
+            Some(Move::Rcm { roll, .. }) => roll,
+            other => panic!("{other:?}"),
+        }
+    };
+    for choice in [proto::RollChoice::Unspecified, proto::RollChoice::Keep] {
+        assert_eq!(read(None, choice), Roll::Kept);
+        assert_eq!(read(Some(0.4), choice), Roll::To(0.4));
+    }
+    assert_eq!(read(None, proto::RollChoice::Free), Roll::Free);
 }
