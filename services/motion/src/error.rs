@@ -443,7 +443,7 @@ impl Error {
 pub fn link_reason(error: &ur_link::Error) -> &'static str {
     match error {
         ur_link::Error::InUse { .. } => "CONTROLLER_IN_USE",
-        ur_link::Error::Firmware { .. } => "CONTROLLER_FIRMWARE",
+        ur_link::Error::TooOld { .. } => "CONTROLLER_FIRMWARE",
         ur_link::Error::WrongRobot { .. } => "WRONG_ROBOT",
         ur_link::Error::LocalControl => "LOCAL_CONTROL",
         ur_link::Error::NotReady { .. } => "CONTROLLER_NOT_READY",

@@ -48,7 +48,7 @@ impl Controller {
     /// [`Options::startup`] allows, uploads the program and waits until it reports ready.
     ///
     /// # Errors
-    /// Any service unreachable; [`Error::Firmware`], [`Error::WrongRobot`], [`Error::LocalControl`]; [`Error::InUse`] when
+    /// Any service unreachable; [`Error::TooOld`], [`Error::WrongRobot`], [`Error::LocalControl`]; [`Error::InUse`] when
     /// another client commands the arm; another refused recipe; an arm that does not come up within
     /// [`Options::startup_timeout`]; a protective stop ([`Error::NotReady`]).
     pub async fn connect(options: Options) -> Result<Self, Error> {

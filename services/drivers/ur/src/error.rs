@@ -124,14 +124,6 @@ pub enum Error {
         /// Name of the input.
         name: String,
     },
-    /// Software in which this crate's program cannot run.
-    #[error("controller software is {version}, needed is {needed}")]
-    Firmware {
-        /// What the controller says it has.
-        version: String,
-        /// Which can.
-        needed: &'static str,
-    },
     /// The pendant has not handed over control.
     #[error("the controller is in local control; switch it to remote control at the pendant")]
     LocalControl,

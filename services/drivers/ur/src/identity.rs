@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::rtde::ControllerVersion;
 use crate::{Dashboard, Error};
 
 /// The upper registers, which RTDE clients use, came with these versions.
@@ -63,7 +64,7 @@ impl Identity {
     /// From the version that RTDE reports.
     ///
     /// # Errors
-    /// [`Error::Firmware`] for software in which this crate's program cannot run.
+    /// [`Error::TooOld`] for software in which this crate's program cannot run.
     pub fn from_version(version: [u32; 4]) -> Result<Self, Error> {
         let [major, minor, ..] = version;
         let (series, needed) = match major {
@@ -138,9 +139,15 @@ impl fmt::Display for Identity {
 }
 
 fn firmware([major, minor, bugfix, build]: [u32; 4]) -> Error {
-    Error::Firmware {
-        version: format!("{major}.{minor}.{bugfix}.{build}"),
-        needed: "3.9 or later of 3.x, or 5.3 or later of 5.x",
+    Error::TooOld {
+        what: "the program on the controller",
+        found: ControllerVersion {
+            major,
+            minor,
+            bugfix,
+            build,
+        },
+        needs: "3.9 or later of 3.x, or 5.3 or later of 5.x",
     }
 }
 
@@ -159,7 +166,7 @@ mod tests {
         ] {
             let refusal = Identity::from_version(version).unwrap_err();
             assert!(
-                matches!(refusal, Error::Firmware { .. }),
+                matches!(refusal, Error::TooOld { .. }),
                 "{version:?}: {refusal}"
             );
         }

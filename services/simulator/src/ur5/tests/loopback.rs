@@ -413,10 +413,7 @@ async fn a_controller_that_must_not_be_commanded_is_named() {
     })
     .await;
     let refusal = ur_link::Controller::connect(cell.options()).await.err();
-    assert!(
-        matches!(refusal, Some(Error::Firmware { .. })),
-        "{refusal:?}"
-    );
+    assert!(matches!(refusal, Some(Error::TooOld { .. })), "{refusal:?}");
 
     let cell = Cell::start(Config::of(Series::E)).await;
     let mut options = cell.options();
