@@ -11,8 +11,6 @@ use crate::time_law::{RateLimits, TimeLaw};
 
 /// Steps in which a line is surveyed for joint speeds.
 const SURVEY_STEPS: usize = 100;
-/// Time in which an acceleration builds up, s: jerk = acceleration / this.
-const ACCELERATION_RISE_S: f64 = 0.1;
 /// A turn of the tool is taken for at least this long a way, mm a rad: a turn on the spot is no way at all.
 const TURN_RADIUS_MM: f64 = 100.0;
 /// Ways shorter than this are no motion, mm and rad.
@@ -67,7 +65,7 @@ impl FreeWay {
                 .min((joint_half / second_rad.max(NO_MOTION)).sqrt());
             let acceleration = (limits.free_acceleration_mm_s2 / way_mm)
                 .min(joint_half / first_rad.max(NO_MOTION));
-            way.law = Some(law(speed, acceleration)?);
+            way.law = Some(law(speed, acceleration, limits)?);
         }
         Ok(way)
     }
@@ -86,7 +84,11 @@ impl FreeWay {
         let (_, turn_rad) = largest_difference(from, to);
         let acceleration = limits.joint_acceleration_rad_s2;
         let law = if turn_rad > NO_MOTION {
-            Some(law(speed_rad_s / turn_rad, acceleration / turn_rad)?)
+            Some(law(
+                speed_rad_s / turn_rad,
+                acceleration / turn_rad,
+                limits,
+            )?)
         } else {
             None
         };
@@ -157,11 +159,13 @@ impl FreeWay {
     }
 }
 
-fn law(speed: f64, acceleration: f64) -> Result<TimeLaw, Error> {
+/// An acceleration builds up in the time that the joints' may.
+fn law(speed: f64, acceleration: f64, limits: &Limits) -> Result<TimeLaw, Error> {
+    let rise_s = limits.joint_acceleration_rad_s2 / limits.joint_jerk_rad_s3;
     TimeLaw::new(&RateLimits {
         speed,
         acceleration,
-        jerk: acceleration / ACCELERATION_RISE_S,
+        jerk: acceleration / rise_s,
     })
 }
 
@@ -220,6 +224,23 @@ mod tests {
             let end = arm().base_from_tool(&before);
             prop_assert!((end.origin() - to.origin()).norm() < 1e-6);
         }
+    }
+
+    #[test]
+    fn the_jerk_of_the_joints_is_limited_outside_too() {
+        let mut to = START;
+        to[0] += 0.6;
+        let limits = Limits {
+            joint_jerk_rad_s3: 4.0,
+            ..Limits::default()
+        };
+        let way = FreeWay::joints(arm(), &START, &to, 0.5, &limits).unwrap();
+        let joints: Vec<f64> = samples(&way).iter().map(|joints| joints[0]).collect();
+        let most = joints
+            .windows(4)
+            .map(|q| (q[3] - 3.0 * q[2] + 3.0 * q[1] - q[0]).abs() / PERIOD_S.powi(3))
+            .fold(0.0, f64::max);
+        assert!((3.9..=4.01).contains(&most), "{most} rad/s3");
     }
 
     #[test]
