@@ -32,6 +32,10 @@ impl dyn CanBus {
     }
 }
 
+impl Error {
+    const SERVER_CLOSED: &str = "the server closed it";
+}
+
 /// Why a bus cannot be reached or used.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum Error {
@@ -61,9 +65,14 @@ pub enum Error {
         /// What was answered instead.
         detail: String,
     },
-    /// The bus does not take frames.
-    #[error("the send queue of {SEND_QUEUE_LEN} frames is full, the bus does not take frames")]
+    /// The bus does not take frames: nobody acknowledges them, or the controller is bus-off.
+    #[error(
+        "the send queue of {SEND_QUEUE_LEN} frames is full: nobody on the bus acknowledges, or the controller is bus-off"
+    )]
     QueueFull,
+    /// A report of the controller is no frame of a node.
+    #[error("{0:?} is an error frame, which a controller reports and nobody sends")]
+    NotSendable(Frame),
     /// The connection broke.
     #[error("the connection to the bus is gone: {0}")]
     Closed(String),

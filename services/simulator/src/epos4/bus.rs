@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
+use epos4_link::bus::{CanBus, Error};
 use epos4_link::frame::{Frame, Stamped};
 use tokio::sync::mpsc;
 
@@ -159,6 +161,20 @@ impl Member {
     /// The next frame if there is one already.
     pub fn try_heard(&mut self) -> Option<Stamped> {
         self.heard.try_recv().ok()
+    }
+}
+
+impl CanBus for Member {
+    fn send(&mut self, frame: Frame) -> Result<(), Error> {
+        self.sender.send(&frame);
+        Ok(())
+    }
+
+    fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        self.heard.poll_recv(context).map(|heard| {
+            heard
+                .ok_or_else(|| Error::Closed("too slow to read the bus, and put off it".to_owned()))
+        })
     }
 }
 
