@@ -17,11 +17,14 @@ use crate::frame::{Frame, Stamped};
 /// A CAN bus as one of its participants sees it: what the others send is received in the order in which it was on the
 /// bus, own frames are not.
 pub trait CanBus: Send {
-    /// Puts a frame into the send queue. Does not wait: a queue that is full means that the bus does not take frames,
-    /// and is an error.
+    /// Sends a frame, or puts it behind those that wait. Does not wait itself: a queue that is full means that the bus
+    /// does not take frames, and is an error.
     fn send(&mut self, frame: Frame) -> Result<(), Error>;
 
     /// The next frame of the others. An error is final: the connection is gone.
+    ///
+    /// Also carries what [`CanBus::send`] could not do at once; ask again after sending, for what is answered at once
+    /// need not wake anybody.
     fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>>;
 }
 
