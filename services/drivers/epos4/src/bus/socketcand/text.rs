@@ -250,8 +250,6 @@ fn parse_error_frame<'a>(mut words: impl Iterator<Item = &'a [u8]>) -> Option<St
 
 // Words and numbers
 
-/// What the kernel sets in the identifier of an error frame, CAN_ERR_FLAG of `linux/can.h`.
-const ERROR_FLAG: u32 = 0x2000_0000;
 const UPPER_DIGITS: &[u8; 16] = b"0123456789ABCDEF";
 
 fn words(message: &[u8]) -> impl Iterator<Item = &[u8]> {
@@ -275,7 +273,7 @@ fn write_id(id: Id, out: &mut Vec<u8>) {
         Id::Standard(id) => (u32::from(id), 3),
         Id::Extended(id) => (id, 8),
         // Nobody sends a report: the kernel's flag makes it an identifier that every server refuses.
-        Id::Error(class) => (ERROR_FLAG | class, 8),
+        Id::Error(class) => (Id::ERROR_FLAG | class, 8),
     };
     for digit in (0..digits).rev() {
         out.push(UPPER_DIGITS[(bits >> (4 * digit) & 0xF) as usize]);
