@@ -79,7 +79,10 @@ pub fn open(interface: &str) -> Result<Interface, Error> {
 
 /// What tokio has instead of this is an `unsafe fn`, for types whose descriptor may change or close while it is watched.
 /// The socket owns its descriptor and gives it to nobody.
-#[expect(deprecated, reason = "the other way is unsafe, and this type needs none of it")]
+#[expect(
+    deprecated,
+    reason = "the other way is unsafe, and this type needs none of it"
+)]
 fn watch(socket: CanSocket) -> io::Result<AsyncFd<CanSocket>> {
     AsyncFd::new(socket)
 }

@@ -196,7 +196,8 @@ impl fmt::Display for Report {
         ];
         let words = words
             .into_iter()
-            .filter_map(|(told, word)| told.then(|| word.to_owned()));
+            .filter(|(told, _)| *told)
+            .map(|(_, word)| word.to_owned());
         let all: Vec<String> = state
             .map(|state| state.to_string())
             .into_iter()
