@@ -5,7 +5,6 @@
 //! All but the last three are pure: time comes in as seconds of the cell's clock.
 
 pub mod bus;
-pub mod dictionary;
 mod drive;
 mod drives;
 mod faults;

@@ -7,6 +7,7 @@
 pub mod bus;
 pub mod canopen;
 pub mod cia402;
+pub mod dictionary;
 pub mod frame;
 pub mod network;
 pub mod objects;

@@ -1,109 +1,116 @@
-//! The objects of the EPOS4 that are used here, with type and unit. Names follow maxon's firmware specification.
+//! The objects of the EPOS4 Compact 24/1.5 CAN with firmware 0x0170, typed. Names follow maxon's firmware specification.
 //!
 //! Velocities of the profile are in rpm of the motor shaft, accelerations in rpm/s, positions in quadcounts,
 //! currents in mA: the drive's factory units (0x60A8 to 0x60AA).
+//!
+//! Each line of these tables is both a typed constant and an entry of the [`dictionary`](crate::dictionary).
 
-use crate::canopen::object::Object;
+mod communication;
+mod manufacturer;
+mod profile;
 
-/// CiA profile number 402 and the kind of drive.
-pub const DEVICE_TYPE: Object<u32> = Object::new(0x1000, 0, "device type", "");
-/// Bits of the errors that are present.
-pub const ERROR_REGISTER: Object<u8> = Object::new(0x1001, 0, "error register", "");
-/// How many errors are remembered; writing 0 clears them.
-pub const ERROR_HISTORY_COUNT: Object<u8> = Object::new(0x1003, 0, "number of errors", "");
-/// The newest remembered error.
-pub const ERROR_HISTORY_NEWEST: Object<u32> = Object::new(0x1003, 1, "error history 1", "");
-/// `node << 16 | timeout in ms` of the heartbeat that the drive expects; 0 is off.
-pub const CONSUMER_HEARTBEAT_1: Object<u32> =
-    Object::new(0x1016, 1, "consumer 1 heartbeat time", "");
-/// Period of the drive's own heartbeat; 0 is off.
-pub const PRODUCER_HEARTBEAT: Object<u16> = Object::new(0x1017, 0, "producer heartbeat time", "ms");
-/// 0x000000FB for maxon.
-pub const VENDOR_ID: Object<u32> = Object::new(0x1018, 1, "vendor id", "");
-/// Hardware in the upper word, 0 in the lower: 0x60500000 is the Compact 24/1.5 CAN.
-pub const PRODUCT_CODE: Object<u32> = Object::new(0x1018, 2, "product code", "");
-/// Firmware in the upper word: 0x01700000 is 0x0170.
-pub const REVISION_NUMBER: Object<u32> = Object::new(0x1018, 3, "revision number", "");
-/// Of this very drive.
-pub const SERIAL_NUMBER: Object<u32> = Object::new(0x1018, 4, "serial number", "");
+use crate::canopen::object::{Address, Object};
+use crate::dictionary::{Entry, Kind, Rules};
 
-/// Encoder increments a motor turn, four times the pulses.
-pub const MAIN_SENSOR_RESOLUTION: Object<u32> =
-    Object::new(0x3000, 5, "main sensor resolution", "inc/rev");
-/// The motor's continuous current.
-pub const NOMINAL_CURRENT: Object<u32> = Object::new(0x3001, 1, "nominal current", "mA");
-/// What the drive never exceeds: the limit of force and torque.
-pub const OUTPUT_CURRENT_LIMIT: Object<u32> = Object::new(0x3001, 2, "output current limit", "mA");
-/// The position that the home point gets.
-pub const HOME_POSITION: Object<i32> = Object::new(0x30B0, 0, "home position", "qc");
-/// How far the axis moves away from the home point after it was found.
-pub const HOME_OFFSET_MOVE_DISTANCE: Object<i32> =
-    Object::new(0x30B1, 0, "home offset move distance", "qc");
-/// The current that ends a homing by current threshold.
-pub const HOMING_CURRENT_THRESHOLD: Object<u16> =
-    Object::new(0x30B2, 0, "current threshold for homing mode", "mA");
-/// Current, averaged over 10 ms.
-pub const CURRENT_AVERAGED: Object<i32> =
-    Object::new(0x30D1, 1, "current actual value averaged", "mA");
-/// Current.
-pub const CURRENT_ACTUAL: Object<i32> = Object::new(0x30D1, 2, "current actual value", "mA");
-/// Velocity, averaged.
-pub const VELOCITY_AVERAGED: Object<i32> =
-    Object::new(0x30D3, 1, "velocity actual value averaged", "rpm");
+pub use self::communication::*;
+pub use self::manufacturer::*;
+pub use self::profile::*;
 
-/// The function of a digital input, 1 to 8: 0 negative limit switch, 1 positive limit switch, 2 home switch, 255 none.
+/// `save`, the signature that 0x1010:01 takes.
+pub const SAVE_SIGNATURE: u32 = 0x6576_6173;
+/// `load`, the signature that 0x1011:01 takes.
+pub const LOAD_SIGNATURE: u32 = 0x6461_6F6C;
+/// Digital inputs of the drive, 0x3142:01 to :08.
+pub const INPUT_COUNT: u8 = 8;
+/// Errors that the drive remembers, 0x1003:01 to :05.
+pub const ERROR_HISTORY_LEN: u8 = 5;
+/// The methods of homing that the drive has, 0x60E3: 37 the present position, 34 and 33 the index, 27 and 23 the home
+/// switch, 18 and 17 a limit switch, 11, 7, 2 and 1 a switch and the index, -1 to -4 a stop by current.
+pub const HOMING_METHODS: &[i64] = &[37, 34, 33, 27, 23, 18, 17, 11, 7, 2, 1, -1, -2, -3, -4];
+
+/// The function of a digital input, 1 to 8: 0 negative limit switch, 1 positive limit switch, 2 home switch, 16 to 23
+/// general purpose A to H, 24 and 25 limit switches without error, 26 touch probe, 27 drive enable, 28 quick stop, 255
+/// none.
 pub const fn digital_input_function(input: u8) -> Object<u8> {
-    Object::new(0x3142, input, "digital input configuration", "")
+    Object::new(0x3142, input, "digital input function", "")
 }
 
-/// What the drive does when the communication is lost: 3 is quick stop, then disable.
-pub const ABORT_CONNECTION_OPTION: Object<i16> =
-    Object::new(0x6007, 0, "abort connection option code", "");
-/// The newest error.
-pub const ERROR_CODE: Object<u16> = Object::new(0x603F, 0, "error code", "");
-/// Commands of CiA 402, see [`crate::cia402`].
-pub const CONTROLWORD: Object<u16> = Object::new(0x6040, 0, "controlword", "");
-/// State of CiA 402, see [`crate::cia402`].
-pub const STATUSWORD: Object<u16> = Object::new(0x6041, 0, "statusword", "");
-/// The mode asked for.
-pub const MODES_OF_OPERATION: Object<i8> = Object::new(0x6060, 0, "modes of operation", "");
-/// The mode in force.
-pub const MODES_OF_OPERATION_DISPLAY: Object<i8> =
-    Object::new(0x6061, 0, "modes of operation display", "");
-/// Where the profile is.
-pub const POSITION_DEMAND: Object<i32> = Object::new(0x6062, 0, "position demand value", "qc");
-/// Where the motor is.
-pub const POSITION_ACTUAL: Object<i32> = Object::new(0x6064, 0, "position actual value", "qc");
-/// The largest lag behind the demand before error 0x8611.
-pub const FOLLOWING_ERROR_WINDOW: Object<u32> =
-    Object::new(0x6065, 0, "following error window", "qc");
-/// Velocity.
-pub const VELOCITY_ACTUAL: Object<i32> = Object::new(0x606C, 0, "velocity actual value", "rpm");
-/// Where the profile goes.
-pub const TARGET_POSITION: Object<i32> = Object::new(0x607A, 0, "target position", "qc");
-/// Software limit; with the upper one 0 too it is off.
-pub const MIN_POSITION_LIMIT: Object<i32> = Object::new(0x607D, 1, "min position limit", "qc");
-/// Software limit; with the lower one 0 too it is off.
-pub const MAX_POSITION_LIMIT: Object<i32> = Object::new(0x607D, 2, "max position limit", "qc");
-/// Speed of the profile.
-pub const PROFILE_VELOCITY: Object<u32> = Object::new(0x6081, 0, "profile velocity", "rpm");
-/// Acceleration of the profile.
-pub const PROFILE_ACCELERATION: Object<u32> =
-    Object::new(0x6083, 0, "profile acceleration", "rpm/s");
-/// Deceleration of the profile.
-pub const PROFILE_DECELERATION: Object<u32> =
-    Object::new(0x6084, 0, "profile deceleration", "rpm/s");
-/// Deceleration of a quick stop.
-pub const QUICK_STOP_DECELERATION: Object<u32> =
-    Object::new(0x6085, 0, "quick stop deceleration", "rpm/s");
-/// How the home point is found.
-pub const HOMING_METHOD: Object<i8> = Object::new(0x6098, 0, "homing method", "");
-/// Speed of the search for a switch or stop.
-pub const HOMING_SPEED_SWITCH: Object<u32> =
-    Object::new(0x6099, 1, "speed for switch search", "rpm");
-/// Speed of the search for the edge or index.
-pub const HOMING_SPEED_ZERO: Object<u32> = Object::new(0x6099, 2, "speed for zero search", "rpm");
-/// Acceleration of homing.
-pub const HOMING_ACCELERATION: Object<u32> = Object::new(0x609A, 0, "homing acceleration", "rpm/s");
-/// Bits of the modes that the drive has.
-pub const SUPPORTED_DRIVE_MODES: Object<u32> = Object::new(0x6502, 0, "supported drive modes", "");
+/// A remembered error, 1 to 5, 1 being the newest.
+pub const fn error_history(place: u8) -> Object<u32> {
+    Object::new(0x1003, place, "error history", "")
+}
+
+/// States each object once: as a typed constant, and as an entry of `TABLE`.
+macro_rules! objects {
+    ($($(#[$doc:meta])* $name:ident: $type:ident = $index:literal, $subindex:literal, $text:literal, $unit:literal, $rules:expr;)*) => {
+        $($(#[$doc])* pub const $name: crate::canopen::object::Object<$type> =
+            crate::canopen::object::Object::new($index, $subindex, $text, $unit);)*
+
+        pub(super) const TABLE: &[crate::dictionary::Entry] = &[$(crate::dictionary::Entry::new(
+            crate::canopen::object::Address::new($index, $subindex),
+            objects!(@kind $type),
+            $text,
+            $unit,
+            $rules,
+        )),*];
+    };
+    (@kind u8) => { crate::dictionary::Kind::U8 };
+    (@kind u16) => { crate::dictionary::Kind::U16 };
+    (@kind u32) => { crate::dictionary::Kind::U32 };
+    (@kind i8) => { crate::dictionary::Kind::I8 };
+    (@kind i16) => { crate::dictionary::Kind::I16 };
+    (@kind i32) => { crate::dictionary::Kind::I32 };
+}
+use objects;
+
+/// The tables of the typed objects.
+pub(crate) fn tables() -> [&'static [Entry]; 3] {
+    [communication::TABLE, manufacturer::TABLE, profile::TABLE]
+}
+
+/// Legal values of 0x3142.
+const INPUT_FUNCTIONS: &[i64] = &[
+    0, 1, 2, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 255,
+];
+/// Digital inputs 1 to 8 from the factory: both limit switches, home switch, general purpose D.
+const FACTORY_INPUT_FUNCTIONS: [i64; INPUT_COUNT as usize] = [0, 1, 2, 19, 255, 255, 255, 255];
+
+/// The objects that are alike but for their subindex, and the text.
+pub(crate) fn series() -> Vec<Entry> {
+    let device_name = Entry::new(
+        Address::new(0x1008, 0),
+        Kind::Text("EPOS4"),
+        "manufacturer device name",
+        "",
+        Rules::ro(0),
+    );
+    let history = (1..=ERROR_HISTORY_LEN).map(|place| {
+        let object = error_history(place);
+        Entry::new(
+            object.address,
+            Kind::U32,
+            object.name,
+            object.unit,
+            Rules::ro(0),
+        )
+    });
+    let inputs = (1..).zip(FACTORY_INPUT_FUNCTIONS).map(|(input, function)| {
+        let object = digital_input_function(input);
+        let rules = Rules::rw(function).one_of(INPUT_FUNCTIONS);
+        Entry::new(object.address, Kind::U8, object.name, object.unit, rules)
+    });
+    let homing_methods = (1..).zip(HOMING_METHODS).map(|(subindex, method)| {
+        Entry::new(
+            Address::new(0x60E3, subindex),
+            Kind::I8,
+            "supported homing method",
+            "",
+            Rules::ro(*method),
+        )
+    });
+    std::iter::once(device_name)
+        .chain(history)
+        .chain(inputs)
+        .chain(homing_methods)
+        .collect()
+}

@@ -21,9 +21,6 @@ use crate::positioning::Sample;
 
 /// How far the drive's own position limits stand beyond the travel, as a share of it: the service refuses first.
 const LIMIT_MARGIN: f64 = 0.01;
-/// Digital inputs of the drive.
-const INPUT_COUNT: u8 = 8;
-
 /// An operation under way.
 pub(super) struct Running {
     pub(super) id: String,
@@ -253,7 +250,7 @@ async fn check_switch(link: &Link, homing: &HomingSpec) -> Result<(), Failure> {
     let Some(function) = homing.method.needed_input_function() else {
         return Ok(());
     };
-    for input in 1..=INPUT_COUNT {
+    for input in 1..=objects::INPUT_COUNT {
         let object: Object<u8> = objects::digital_input_function(input);
         if link.node().read(object).await? == function {
             return Ok(());

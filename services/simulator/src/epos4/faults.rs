@@ -2,8 +2,8 @@
 
 use epos4_link::canopen::emcy::Emergency;
 
-use super::dictionary::at;
 use super::objects::Objects;
+use epos4_link::objects;
 
 /// How a drive answers an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,8 +38,6 @@ pub struct Faults {
     present: Vec<u16>,
 }
 
-const HISTORY_LEN: u8 = 5;
-
 impl Faults {
     /// Adds an error; the message for the bus, or none if it was present already.
     pub fn raise(&mut self, code: u16, objects: &mut Objects) -> Option<Emergency> {
@@ -47,17 +45,20 @@ impl Faults {
             return None;
         }
         self.present.push(code);
-        for place in (2..=HISTORY_LEN).rev() {
+        for place in (2..=objects::ERROR_HISTORY_LEN).rev() {
             objects.set(
-                at::error_history(place),
-                objects.get(at::error_history(place - 1)),
+                objects::error_history(place).address,
+                objects.get(objects::error_history(place - 1).address),
             );
         }
-        objects.set(at::error_history(1), i64::from(code));
-        let count = objects.get(at::ERROR_HISTORY);
-        objects.set(at::ERROR_HISTORY, (count + 1).min(i64::from(HISTORY_LEN)));
-        objects.set(at::ERROR_CODE, i64::from(code));
-        objects.set(at::ERROR_REGISTER, i64::from(self.register()));
+        objects.set(objects::error_history(1).address, i64::from(code));
+        let count = objects.get(objects::ERROR_HISTORY_COUNT.address);
+        objects.set(
+            objects::ERROR_HISTORY_COUNT.address,
+            (count + 1).min(i64::from(objects::ERROR_HISTORY_LEN)),
+        );
+        objects.set(objects::ERROR_CODE.address, i64::from(code));
+        objects.set(objects::ERROR_REGISTER.address, i64::from(self.register()));
         Some(Emergency::new(code, self.register()))
     }
 
@@ -67,8 +68,8 @@ impl Faults {
             return None;
         }
         self.present.clear();
-        objects.set(at::ERROR_CODE, 0);
-        objects.set(at::ERROR_REGISTER, 0);
+        objects.set(objects::ERROR_CODE.address, 0);
+        objects.set(objects::ERROR_REGISTER.address, 0);
         Some(Emergency::new(Emergency::RESET, 0))
     }
 
@@ -82,8 +83,8 @@ impl Faults {
 
 /// Empties the history, as writing 0 to 0x1003 does.
 pub fn clear_history(objects: &mut Objects) {
-    for place in 1..=HISTORY_LEN {
-        objects.set(at::error_history(place), 0);
+    for place in 1..=objects::ERROR_HISTORY_LEN {
+        objects.set(objects::error_history(place).address, 0);
     }
 }
 

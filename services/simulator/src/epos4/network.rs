@@ -6,8 +6,8 @@ use epos4_link::canopen::heartbeat::{self, Consumer, Event};
 use epos4_link::canopen::nmt::{Command, State};
 use epos4_link::frame::Frame;
 
-use super::dictionary::at;
 use super::objects::Objects;
+use epos4_link::objects;
 
 /// NMT and heartbeats.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ impl Network {
         if self.state != State::Operational {
             return;
         }
-        match objects.get(at::COMMUNICATION_ERROR_BEHAVIOUR) {
+        match objects.get(objects::COMMUNICATION_ERROR_BEHAVIOUR.address) {
             0 => self.state = State::PreOperational,
             2 => self.state = State::Stopped,
             _ => {}
@@ -90,7 +90,7 @@ impl Network {
             self.heartbeat_due_s = now_s;
             return Some(heartbeat::encode(node_id, State::BootUp));
         }
-        let period_s = objects.get(at::PRODUCER_HEARTBEAT) as f64 / 1000.0;
+        let period_s = objects.get(objects::PRODUCER_HEARTBEAT.address) as f64 / 1000.0;
         let late_s = now_s - (self.heartbeat_due_s + period_s);
         if period_s == 0.0 || late_s < -CLOCK_ROUNDING_S {
             return None;
@@ -107,8 +107,8 @@ impl Network {
     /// Whether a heartbeat that is waited for has stayed out, told once.
     pub fn lost_a_heartbeat(&mut self, objects: &Objects, now_s: f64) -> bool {
         let entries = [
-            objects.get(at::CONSUMER_HEARTBEAT_1),
-            objects.get(at::CONSUMER_HEARTBEAT_2),
+            objects.get(objects::CONSUMER_HEARTBEAT_1.address),
+            objects.get(objects::CONSUMER_HEARTBEAT_2.address),
         ];
         let mut lost = false;
         for (watch, entry) in self.consumers.iter_mut().zip(entries) {

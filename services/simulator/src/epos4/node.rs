@@ -9,7 +9,6 @@ use epos4_link::canopen::sdo::{AbortCode, request_cob_id, response_cob_id};
 use epos4_link::cia402::State;
 use epos4_link::frame::Frame;
 
-use super::dictionary::at;
 use super::drive::{Control, Drive};
 use super::faults::{self, Faults};
 use super::inputs;
@@ -18,6 +17,7 @@ use super::objects::{Objects, Power};
 use super::parameters::Parameters;
 use super::pdo::{self, Occasion, Received, TransmitPdos};
 use super::shaft::{Mechanics, Motor};
+use epos4_link::objects;
 
 /// What distinguishes one drive from another.
 #[derive(Clone, Debug)]
@@ -71,11 +71,11 @@ impl NodeConfig {
             position_qc: 0.0,
             motor: Motor::default(),
             parameters: vec![
-                (at::ENCODER_PULSES, 512),
-                (at::GEAR_NUMERATOR, 21),
-                (at::GEAR_DENOMINATOR, 1),
-                (at::NOMINAL_CURRENT, 500),
-                (at::OUTPUT_CURRENT_LIMIT, 1000),
+                (objects::ENCODER_PULSES.address, 512),
+                (objects::GEAR_NUMERATOR.address, 21),
+                (objects::GEAR_DENOMINATOR.address, 1),
+                (objects::NOMINAL_CURRENT.address, 500),
+                (objects::OUTPUT_CURRENT_LIMIT.address, 1000),
             ],
         }
     }
@@ -86,7 +86,7 @@ impl Node {
     #[must_use]
     pub fn new(config: NodeConfig) -> Self {
         let mut parameters = config.parameters;
-        parameters.push((at::SERIAL_NUMBER, i64::from(config.serial)));
+        parameters.push((objects::SERIAL_NUMBER.address, i64::from(config.serial)));
         let objects = Objects::new(config.node_id, &parameters);
         Self {
             node_id: config.node_id,
@@ -240,7 +240,7 @@ impl Node {
                 self.network.on_communication_error(&self.device.objects);
             }
             Some(Received::Objects(mut received)) => {
-                received.sort_by_key(|(address, _)| *address == at::CONTROLWORD);
+                received.sort_by_key(|(address, _)| *address == objects::CONTROLWORD.address);
                 for (address, bytes) in received {
                     if let Err(code) = self.device.write(address, &bytes, Length::Given) {
                         tracing::debug!(node = self.node_id, object = %address, %code, "process data refused");
@@ -307,7 +307,7 @@ impl Device {
         let (shaft, demand) = (*self.drive.shaft(), *self.drive.trajectory());
         let position_qc = self.drive.counted_qc(shaft.position_qc);
         let rpm = |speed_qc_s: f64| (speed_qc_s / parameters.qc_s_per_rpm).round() as i64;
-        let nominal_ma = self.objects.get(at::NOMINAL_CURRENT).max(1) as f64;
+        let nominal_ma = self.objects.get(objects::NOMINAL_CURRENT.address).max(1) as f64;
         let per_mille = |current_ma: f64| {
             (current_ma / nominal_ma * 1000.0)
                 .round()
@@ -315,34 +315,55 @@ impl Device {
         };
         let values = [
             (
-                at::STATUSWORD,
+                objects::STATUSWORD.address,
                 i64::from(self.drive.statusword(&parameters, self.remote)),
             ),
-            (at::MODE_DISPLAY, self.drive.mode_code()),
-            (at::POSITION_ACTUAL, position_qc),
-            (at::SENSOR_POSITION, position_qc),
             (
-                at::POSITION_DEMAND,
+                objects::MODES_OF_OPERATION_DISPLAY.address,
+                self.drive.mode_code(),
+            ),
+            (objects::POSITION_ACTUAL.address, position_qc),
+            (objects::SENSOR_POSITION.address, position_qc),
+            (
+                objects::POSITION_DEMAND.address,
                 self.drive.counted_qc(demand.position_qc),
             ),
             (
-                at::FOLLOWING_ERROR,
+                objects::FOLLOWING_ERROR.address,
                 (demand.position_qc - shaft.position_qc).round() as i64,
             ),
-            (at::VELOCITY_DEMAND, rpm(demand.speed_qc_s)),
-            (at::VELOCITY_ACTUAL, rpm(shaft.speed_qc_s)),
-            (at::SENSOR_VELOCITY, rpm(shaft.speed_qc_s)),
-            (at::VELOCITY_AVERAGED, rpm(shaft.speed_averaged_qc_s)),
-            (at::CURRENT_DEMAND, shaft.current_ma.round() as i64),
-            (at::CURRENT_ACTUAL, shaft.current_ma.round() as i64),
+            (objects::VELOCITY_DEMAND.address, rpm(demand.speed_qc_s)),
+            (objects::VELOCITY_ACTUAL.address, rpm(shaft.speed_qc_s)),
+            (objects::SENSOR_VELOCITY.address, rpm(shaft.speed_qc_s)),
             (
-                at::CURRENT_AVERAGED,
+                objects::VELOCITY_AVERAGED.address,
+                rpm(shaft.speed_averaged_qc_s),
+            ),
+            (
+                objects::CURRENT_DEMAND.address,
+                shaft.current_ma.round() as i64,
+            ),
+            (
+                objects::CURRENT_ACTUAL.address,
+                shaft.current_ma.round() as i64,
+            ),
+            (
+                objects::CURRENT_AVERAGED.address,
                 shaft.current_averaged_ma.round() as i64,
             ),
-            (at::TORQUE_ACTUAL, per_mille(shaft.current_ma)),
-            (at::TORQUE_AVERAGED, per_mille(shaft.current_averaged_ma)),
-            (at::INPUT_LEVELS, i64::from(inputs::levels(mechanics))),
-            (at::INPUTS_BY_FUNCTION, i64::from(self.drive.inputs().0)),
+            (objects::TORQUE_ACTUAL.address, per_mille(shaft.current_ma)),
+            (
+                objects::TORQUE_AVERAGED.address,
+                per_mille(shaft.current_averaged_ma),
+            ),
+            (
+                objects::INPUT_LEVELS.address,
+                i64::from(inputs::levels(mechanics)),
+            ),
+            (
+                objects::DIGITAL_INPUTS.address,
+                i64::from(self.drive.inputs().0),
+            ),
         ];
         for (address, value) in values {
             self.objects.set(address, value);
@@ -358,10 +379,15 @@ impl Dictionary for Device {
     fn write(&mut self, address: Address, data: &[u8], length: Length) -> Result<(), AbortCode> {
         let power: Power = self.drive.power();
         self.objects.write(address, data, length, power)?;
+        const CONTROLWORD: Address = objects::CONTROLWORD.address;
+        const MODES_OF_OPERATION: Address = objects::MODES_OF_OPERATION.address;
+        const ERROR_HISTORY_COUNT: Address = objects::ERROR_HISTORY_COUNT.address;
         match address {
-            at::CONTROLWORD => self.control(self.objects.get(at::CONTROLWORD) as u16),
-            at::MODE => self.drive.set_mode(self.objects.get(at::MODE)),
-            at::ERROR_HISTORY => faults::clear_history(&mut self.objects),
+            CONTROLWORD => self.control(self.objects.get(objects::CONTROLWORD.address) as u16),
+            MODES_OF_OPERATION => self
+                .drive
+                .set_mode(self.objects.get(objects::MODES_OF_OPERATION.address)),
+            ERROR_HISTORY_COUNT => faults::clear_history(&mut self.objects),
             _ => {}
         }
         Ok(())

@@ -4,13 +4,10 @@ use epos4_link::canopen::object::Address;
 use epos4_link::canopen::sdo::AbortCode;
 use epos4_link::canopen::sdo::server::Length;
 
-use super::dictionary::{
-    self, Access, Kind, Legal, Mapping, PDO_COUNT, PDO_ENTRIES_MAX, PDO_OFF, at, entries, has_index,
+use epos4_link::dictionary::{
+    self, Access, Kind, Legal, Mapping, PDO_COUNT, PDO_ENTRIES_MAX, PDO_OFF, entries, has_index,
 };
-
-/// `save` and `load`, what a master writes to store or restore all parameters.
-const SAVE: i64 = 0x6576_6173;
-const LOAD: i64 = 0x6461_6F6C;
+use epos4_link::objects;
 
 /// Below it stand the objects of CiA 301.
 const FIRST_MANUFACTURER_INDEX: u16 = 0x2000;
@@ -144,7 +141,7 @@ impl Objects {
     }
 
     fn store(&mut self, signature: i64) -> Result<(), AbortCode> {
-        if signature != SAVE {
+        if signature != i64::from(objects::SAVE_SIGNATURE) {
             return Err(AbortCode::CANNOT_STORE);
         }
         let factory = factory_values(self.node_id);
@@ -157,8 +154,8 @@ impl Objects {
             };
         }
         // The identity is no parameter but burnt in.
-        let serial = self.get(at::SERIAL_NUMBER);
-        if let Some(place) = dictionary::place(at::SERIAL_NUMBER) {
+        let serial = self.get(objects::SERIAL_NUMBER.address);
+        if let Some(place) = dictionary::place(objects::SERIAL_NUMBER.address) {
             self.stored[place] = serial;
         }
         Ok(())
@@ -166,12 +163,15 @@ impl Objects {
 
     /// Takes effect at the next restart.
     fn restore(&mut self, signature: i64) -> Result<(), AbortCode> {
-        if signature != LOAD {
+        if signature != i64::from(objects::LOAD_SIGNATURE) {
             return Err(AbortCode::CANNOT_STORE);
         }
         self.stored = Self::new(
             self.node_id,
-            &[(at::SERIAL_NUMBER, self.get(at::SERIAL_NUMBER))],
+            &[(
+                objects::SERIAL_NUMBER.address,
+                self.get(objects::SERIAL_NUMBER.address),
+            )],
         )
         .values;
         Ok(())
@@ -179,17 +179,21 @@ impl Objects {
 
     /// What the drive computes from other objects.
     fn derive(&mut self) {
-        self.set(at::MAIN_SENSOR_RESOLUTION, 4 * self.get(at::ENCODER_PULSES));
         self.set(
-            at::RATED_TORQUE,
-            self.get(at::NOMINAL_CURRENT) * self.get(at::TORQUE_CONSTANT) / 1000,
+            objects::MAIN_SENSOR_RESOLUTION.address,
+            4 * self.get(objects::ENCODER_PULSES.address),
+        );
+        self.set(
+            objects::RATED_TORQUE.address,
+            self.get(objects::NOMINAL_CURRENT.address) * self.get(objects::TORQUE_CONSTANT.address)
+                / 1000,
         );
     }
 
     /// A function may be given to one input alone.
     fn check_input_function(&self, address: Address, function: i64) -> Result<(), AbortCode> {
         let taken = (1..=8)
-            .map(at::input_function)
+            .map(|input| objects::digital_input_function(input).address)
             .any(|other| other != address && self.get(other) == function);
         if taken {
             Err(AbortCode::PARAMETER_INCOMPATIBLE)
@@ -237,24 +241,17 @@ impl Objects {
 
 /// Commands and targets are not stored.
 const VOLATILE: &[Address] = &[
-    at::ERROR_HISTORY,
-    at::CONTROLWORD,
-    at::TARGET_POSITION,
-    at::TARGET_VELOCITY,
-    at::TARGET_TORQUE,
+    objects::ERROR_HISTORY_COUNT.address,
+    objects::CONTROLWORD.address,
+    objects::TARGET_POSITION.address,
+    objects::TARGET_VELOCITY.address,
+    objects::TARGET_TORQUE.address,
 ];
 
 fn factory_values(node_id: u8) -> Vec<i64> {
     entries()
         .iter()
-        .map(|entry| {
-            entry.default
-                + if entry.plus_node_id {
-                    i64::from(node_id)
-                } else {
-                    0
-                }
-        })
+        .map(|entry| entry.factory_value(node_id))
         .collect()
 }
 
@@ -285,7 +282,13 @@ mod tests {
     use super::*;
 
     fn objects() -> Objects {
-        Objects::new(3, &[(at::ENCODER_PULSES, 512), (at::SERIAL_NUMBER, 42)])
+        Objects::new(
+            3,
+            &[
+                (objects::ENCODER_PULSES.address, 512),
+                (objects::SERIAL_NUMBER.address, 42),
+            ],
+        )
     }
 
     fn write(
@@ -361,8 +364,8 @@ mod tests {
         assert_eq!(
             mapped,
             [
-                (at::POSITION_ACTUAL, Kind::I32),
-                (at::VELOCITY_ACTUAL, Kind::I32)
+                (objects::POSITION_ACTUAL.address, Kind::I32),
+                (objects::VELOCITY_ACTUAL.address, Kind::I32)
             ]
         );
     }
@@ -373,19 +376,19 @@ mod tests {
         write(&mut objects, 0x6081, 0, &5000_u32.to_le_bytes()).unwrap();
         write(&mut objects, 0x607A, 0, &77_i32.to_le_bytes()).unwrap();
         objects.restart();
-        assert_eq!(objects.get(at::PROFILE_VELOCITY), 1000);
+        assert_eq!(objects.get(objects::PROFILE_VELOCITY.address), 1000);
         write(&mut objects, 0x6081, 0, &5000_u32.to_le_bytes()).unwrap();
         write(&mut objects, 0x607A, 0, &77_i32.to_le_bytes()).unwrap();
         write(&mut objects, 0x1010, 1, b"save").unwrap();
         objects.restart();
-        assert_eq!(objects.get(at::PROFILE_VELOCITY), 5000);
-        assert_eq!(objects.get(at::TARGET_POSITION), 0);
-        assert_eq!(objects.get(at::SERIAL_NUMBER), 42);
+        assert_eq!(objects.get(objects::PROFILE_VELOCITY.address), 5000);
+        assert_eq!(objects.get(objects::TARGET_POSITION.address), 0);
+        assert_eq!(objects.get(objects::SERIAL_NUMBER.address), 42);
         write(&mut objects, 0x1011, 1, b"load").unwrap();
         objects.restart();
-        assert_eq!(objects.get(at::PROFILE_VELOCITY), 1000);
-        assert_eq!(objects.get(at::MAIN_SENSOR_RESOLUTION), 2000);
-        assert_eq!(objects.get(at::SERIAL_NUMBER), 42);
+        assert_eq!(objects.get(objects::PROFILE_VELOCITY.address), 1000);
+        assert_eq!(objects.get(objects::MAIN_SENSOR_RESOLUTION.address), 2000);
+        assert_eq!(objects.get(objects::SERIAL_NUMBER.address), 42);
     }
 
     #[test]
@@ -393,19 +396,12 @@ mod tests {
         let mut objects = objects();
         objects
             .write(
-                at::MODE,
+                objects::MODES_OF_OPERATION.address,
                 &[6, 0xAA, 0xAA, 0xAA],
                 Length::Unknown,
                 Power::Off,
             )
             .unwrap();
-        assert_eq!(objects.get(at::MODE), 6);
-    }
-
-    #[test]
-    fn cob_ids_carry_the_node_id() {
-        assert_eq!(objects().get(Address::new(0x1800, 1)), 0x4000_0183);
-        assert_eq!(objects().get(Address::new(0x1801, 1)), 0xC000_0283);
-        assert_eq!(objects().get(Address::new(0x1402, 1)), 0x403);
+        assert_eq!(objects.get(objects::MODES_OF_OPERATION.address), 6);
     }
 }

@@ -1,7 +1,7 @@
 //! The objects that govern motion, read out of the dictionary and brought to quadcounts, seconds and milliamperes.
 
-use super::dictionary::at;
 use super::objects::Objects;
+use epos4_link::objects;
 
 /// A snapshot, taken before each piece of work.
 #[derive(Clone, Debug)]
@@ -93,62 +93,77 @@ impl Parameters {
     pub fn of(objects: &Objects) -> Self {
         let number = |address| objects.get(address) as f64;
         let seconds = |address| objects.get(address) as f64 / 1000.0;
-        let qc_s_per_rpm = number(at::MAIN_SENSOR_RESOLUTION) / 60.0;
-        let max_speed_rpm = number(at::MAX_PROFILE_VELOCITY).min(number(at::MAX_MOTOR_SPEED));
+        let qc_s_per_rpm = number(objects::MAIN_SENSOR_RESOLUTION.address) / 60.0;
+        let max_speed_rpm = number(objects::MAX_PROFILE_VELOCITY.address)
+            .min(number(objects::MAX_MOTOR_SPEED.address));
         let profile = |speed, acceleration, deceleration| Profile {
             speed_qc_s: number(speed).min(max_speed_rpm) * qc_s_per_rpm,
             acceleration_qc_s2: number(acceleration) * qc_s_per_rpm,
             deceleration_qc_s2: number(deceleration) * qc_s_per_rpm,
         };
-        let homing_profile =
-            |speed| profile(speed, at::HOMING_ACCELERATION, at::HOMING_ACCELERATION);
+        let homing_profile = |speed| {
+            profile(
+                speed,
+                objects::HOMING_ACCELERATION.address,
+                objects::HOMING_ACCELERATION.address,
+            )
+        };
         let unlimited = i64::from(u32::MAX);
-        let window = objects.get(at::FOLLOWING_WINDOW);
-        let reached = objects.get(at::POSITION_WINDOW);
-        let (low, high) = (number(at::MIN_POSITION), number(at::MAX_POSITION));
-        let torque_constant_unm_a = number(at::TORQUE_CONSTANT).max(1.0);
+        let window = objects.get(objects::FOLLOWING_ERROR_WINDOW.address);
+        let reached = objects.get(objects::POSITION_WINDOW.address);
+        let (low, high) = (
+            number(objects::MIN_POSITION_LIMIT.address),
+            number(objects::MAX_POSITION_LIMIT.address),
+        );
+        let torque_constant_unm_a = number(objects::TORQUE_CONSTANT.address).max(1.0);
         Self {
             qc_s_per_rpm,
             profile: profile(
-                at::PROFILE_VELOCITY,
-                at::PROFILE_ACCELERATION,
-                at::PROFILE_DECELERATION,
+                objects::PROFILE_VELOCITY.address,
+                objects::PROFILE_ACCELERATION.address,
+                objects::PROFILE_DECELERATION.address,
             ),
-            quick_stop_qc_s2: number(at::QUICK_STOP_DECELERATION) * qc_s_per_rpm,
+            quick_stop_qc_s2: number(objects::QUICK_STOP_DECELERATION.address) * qc_s_per_rpm,
             max_speed_qc_s: max_speed_rpm * qc_s_per_rpm,
-            max_acceleration_qc_s2: number(at::MAX_ACCELERATION) * qc_s_per_rpm,
+            max_acceleration_qc_s2: number(objects::MAX_ACCELERATION.address) * qc_s_per_rpm,
             following_window_qc: (window != unlimited).then_some(window as f64),
-            position_window: (reached != unlimited)
-                .then(|| (reached as f64, seconds(at::POSITION_WINDOW_TIME))),
+            position_window: (reached != unlimited).then(|| {
+                (
+                    reached as f64,
+                    seconds(objects::POSITION_WINDOW_TIME.address),
+                )
+            }),
             position_limits_qc: (low != 0.0 || high != 0.0).then_some((low, high)),
-            shutdown_option: objects.get(at::SHUTDOWN_OPTION),
-            disable_option: objects.get(at::DISABLE_OPTION),
-            fault_reaction_option: objects.get(at::FAULT_REACTION_OPTION),
-            abort_connection_option: objects.get(at::ABORT_CONNECTION_OPTION),
-            target_position_qc: number(at::TARGET_POSITION),
-            target_speed_qc_s: number(at::TARGET_VELOCITY).clamp(-max_speed_rpm, max_speed_rpm)
+            shutdown_option: objects.get(objects::SHUTDOWN_OPTION.address),
+            disable_option: objects.get(objects::DISABLE_OPERATION_OPTION.address),
+            fault_reaction_option: objects.get(objects::FAULT_REACTION_OPTION.address),
+            abort_connection_option: objects.get(objects::ABORT_CONNECTION_OPTION.address),
+            target_position_qc: number(objects::TARGET_POSITION.address),
+            target_speed_qc_s: number(objects::TARGET_VELOCITY.address)
+                .clamp(-max_speed_rpm, max_speed_rpm)
                 * qc_s_per_rpm,
             // per mille of uNm, over uNm/A, is mA
-            target_current_ma: number(at::TARGET_TORQUE) * number(at::RATED_TORQUE)
+            target_current_ma: number(objects::TARGET_TORQUE.address)
+                * number(objects::RATED_TORQUE.address)
                 / torque_constant_unm_a,
-            current_limit_ma: number(at::OUTPUT_CURRENT_LIMIT),
+            current_limit_ma: number(objects::OUTPUT_CURRENT_LIMIT.address),
             standstill: Standstill {
-                window_qc_s: number(at::STANDSTILL_WINDOW) * qc_s_per_rpm,
-                time_s: seconds(at::STANDSTILL_TIME),
-                timeout_s: seconds(at::STANDSTILL_TIMEOUT),
+                window_qc_s: number(objects::STANDSTILL_WINDOW.address) * qc_s_per_rpm,
+                time_s: seconds(objects::STANDSTILL_TIME.address),
+                timeout_s: seconds(objects::STANDSTILL_TIMEOUT.address),
             },
             homing: HomingParameters {
-                method: objects.get(at::HOMING_METHOD),
-                switch_search: homing_profile(at::HOMING_SPEED_SWITCH),
-                zero_search: homing_profile(at::HOMING_SPEED_ZERO),
-                position_qc: number(at::HOME_POSITION),
-                offset_qc: number(at::HOME_OFFSET),
-                current_threshold_ma: number(at::HOMING_CURRENT_THRESHOLD),
+                method: objects.get(objects::HOMING_METHOD.address),
+                switch_search: homing_profile(objects::HOMING_SPEED_SWITCH.address),
+                zero_search: homing_profile(objects::HOMING_SPEED_ZERO.address),
+                position_qc: number(objects::HOME_POSITION.address),
+                offset_qc: number(objects::HOME_OFFSET_MOVE_DISTANCE.address),
+                current_threshold_ma: number(objects::HOMING_CURRENT_THRESHOLD.address),
             },
             input_functions: std::array::from_fn(|input| {
-                objects.get(at::input_function(input as u8 + 1))
+                objects.get(objects::digital_input_function(input as u8 + 1).address)
             }),
-            input_polarity: objects.get(at::INPUT_POLARITY) as u16,
+            input_polarity: objects.get(objects::INPUT_POLARITY.address) as u16,
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Process data: which frames carry which objects, and when the drive sends its own.
 
 use epos4_link::canopen::object::Address;
+use epos4_link::dictionary::{PDO_COUNT, PDO_OFF};
 use epos4_link::frame::Frame;
 
-use super::dictionary::{PDO_COUNT, PDO_OFF};
 use super::objects::Objects;
 
 /// What was sent last in each of the drive's own PDOs.

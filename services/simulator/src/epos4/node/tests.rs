@@ -111,8 +111,8 @@ impl Rig {
         let address = Address::new(index, subindex);
         match self.request(&Request::Upload(address)) {
             Response::Upload(_, Initiate::Expedited(payload)) => {
-                let kind = super::super::dictionary::entries()
-                    [super::super::dictionary::place(address).unwrap()]
+                let kind = epos4_link::dictionary::entries()
+                    [epos4_link::dictionary::place(address).unwrap()]
                 .kind;
                 kind.decode(payload.as_slice()).unwrap()
             }

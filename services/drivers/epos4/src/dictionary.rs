@@ -1,14 +1,17 @@
-//! The object dictionary of the simulated drive: every object with type, access, legal values and default, as an
-//! EPOS4 Compact 24/1.5 CAN with firmware 0x0170 has it.
+//! The object dictionary of an EPOS4 Compact 24/1.5 CAN with firmware 0x0170: every object with type, access, legal
+//! values, unit and factory value, as data.
+//!
+//! The typed constants of [`objects`](crate::objects) and these entries are one table. [`entries`] serves whoever treats
+//! objects alike: a drive's server, a tool that reads by name, the writer of an electronic data sheet.
 
-pub mod at;
-mod table;
+mod pdo_records;
 
 use std::sync::LazyLock;
 
-use epos4_link::canopen::object::Address;
+use crate::canopen::object::Address;
+use crate::objects;
 
-use self::table::ENTRIES;
+pub use self::pdo_records::{PDO_COUNT, PDO_ENTRIES_MAX, PDO_OFF};
 
 /// One object.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +32,8 @@ pub struct Entry {
     pub plus_node_id: bool,
     /// Its name in the manual, lowercase.
     pub name: &'static str,
+    /// Its unit from the factory; empty for a plain number.
+    pub unit: &'static str,
 }
 
 /// A CANopen data type.
@@ -81,20 +86,19 @@ pub enum Legal {
     OneOf(&'static [i64]),
 }
 
-/// The number of PDOs in each direction.
-pub const PDO_COUNT: u16 = 4;
-/// The number of objects that one PDO may carry.
-pub const PDO_ENTRIES_MAX: u8 = 12;
-/// Set in a COB-ID: the PDO is off.
-pub const PDO_OFF: i64 = 0x8000_0000;
-
 /// All objects, by rising address.
 #[must_use]
 pub fn entries() -> &'static [Entry] {
     &ENTRIES
 }
 
-/// Where an object stands in [`entries`]. The drives ask at every step of the cell.
+/// An object by its address.
+#[must_use]
+pub fn entry(address: Address) -> Option<&'static Entry> {
+    place(address).map(|place| &ENTRIES[place])
+}
+
+/// Where an object stands in [`entries`]. A simulated drive asks at every step of its cell.
 #[must_use]
 pub fn place(address: Address) -> Option<usize> {
     let first = first_place(address.index)?;
@@ -118,6 +122,15 @@ fn first_place(index: u16) -> Option<usize> {
         .filter(|place| *place != usize::from(NO_PLACE))
 }
 
+static ENTRIES: LazyLock<Vec<Entry>> = LazyLock::new(|| {
+    let mut entries: Vec<Entry> = objects::tables().concat();
+    entries.extend(objects::series());
+    entries.extend(pdo_records::all());
+    entries.extend(counts(&entries));
+    entries.sort_by_key(|entry| entry.address);
+    entries
+});
+
 /// For every index, where its first object stands.
 static FIRST_PLACES: LazyLock<Vec<u16>> = LazyLock::new(|| {
     let mut first_places = vec![NO_PLACE; 1 << 16];
@@ -129,6 +142,153 @@ static FIRST_PLACES: LazyLock<Vec<u16>> = LazyLock::new(|| {
 });
 
 const NO_PLACE: u16 = u16::MAX;
+
+/// Subindex 0 of every record that does not state its own: the highest subindex.
+fn counts(entries: &[Entry]) -> Vec<Entry> {
+    let stated = |address| entries.iter().any(|entry| entry.address == address);
+    let mut records: Vec<u16> = entries
+        .iter()
+        .filter(|entry| entry.address.subindex > 0)
+        .map(|entry| entry.address.index)
+        .filter(|index| !stated(Address::new(*index, 0)))
+        .collect();
+    records.sort_unstable();
+    records.dedup();
+    let highest = |index| {
+        entries
+            .iter()
+            .map(|entry| entry.address)
+            .filter(|address| address.index == index)
+            .map(|address| address.subindex)
+            .max()
+    };
+    records
+        .into_iter()
+        .map(|index| {
+            let count = i64::from(highest(index).unwrap_or(0));
+            Entry::new(
+                Address::new(index, 0),
+                Kind::U8,
+                "highest subindex",
+                "",
+                Rules::ro(count),
+            )
+        })
+        .collect()
+}
+
+/// Everything of an entry but its place, type and name: how the tables state it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rules {
+    access: Access,
+    mapping: Mapping,
+    legal: Option<Legal>,
+    default: i64,
+    plus_node_id: bool,
+}
+
+// === impl Rules ===
+
+impl Rules {
+    pub(crate) const fn ro(default: i64) -> Self {
+        Self {
+            access: Access::ReadOnly,
+            mapping: Mapping::No,
+            legal: None,
+            default,
+            plus_node_id: false,
+        }
+    }
+
+    pub(crate) const fn rw(default: i64) -> Self {
+        Self {
+            access: Access::ReadWrite,
+            ..Self::ro(default)
+        }
+    }
+
+    pub(crate) const fn power_off(self) -> Self {
+        Self {
+            access: Access::ReadWritePowerOff,
+            ..self
+        }
+    }
+
+    pub(crate) const fn tx(self) -> Self {
+        Self {
+            mapping: Mapping::Transmit,
+            ..self
+        }
+    }
+
+    pub(crate) const fn rx(self) -> Self {
+        Self {
+            mapping: Mapping::Receive,
+            ..self
+        }
+    }
+
+    pub(crate) const fn plus_node_id(self) -> Self {
+        Self {
+            plus_node_id: true,
+            ..self
+        }
+    }
+
+    pub(crate) const fn between(self, low: i64, high: i64) -> Self {
+        Self {
+            legal: Some(Legal::Between(low, high)),
+            ..self
+        }
+    }
+
+    pub(crate) const fn one_of(self, values: &'static [i64]) -> Self {
+        Self {
+            legal: Some(Legal::OneOf(values)),
+            ..self
+        }
+    }
+}
+
+// === impl Entry ===
+
+impl Entry {
+    pub(crate) const fn new(
+        address: Address,
+        kind: Kind,
+        name: &'static str,
+        unit: &'static str,
+        rules: Rules,
+    ) -> Self {
+        let legal = match rules.legal {
+            Some(legal) => legal,
+            None => {
+                let (low, high) = kind.range();
+                Legal::Between(low, high)
+            }
+        };
+        Self {
+            address,
+            kind,
+            access: rules.access,
+            mapping: rules.mapping,
+            legal,
+            default: rules.default,
+            plus_node_id: rules.plus_node_id,
+            name,
+            unit,
+        }
+    }
+
+    /// The factory value of the object in a drive with this node id.
+    #[must_use]
+    pub fn factory_value(&self, node_id: u8) -> i64 {
+        let offset = if self.plus_node_id { node_id } else { 0 };
+        self.default + i64::from(offset)
+    }
+}
+
+// === impl Kind ===
 
 impl Kind {
     /// Bytes on the bus.
@@ -142,8 +302,9 @@ impl Kind {
         }
     }
 
-    /// Lowest and highest value.
-    const fn range(self) -> (i64, i64) {
+    /// Lowest and highest value; 0 and 0 for a text.
+    #[must_use]
+    pub const fn range(self) -> (i64, i64) {
         match self {
             Self::U8 => (0, u8::MAX as i64),
             Self::U16 => (0, u16::MAX as i64),
@@ -178,6 +339,8 @@ impl Kind {
         })
     }
 }
+
+// === impl Legal ===
 
 impl Legal {
     /// Whether the value may be written.
@@ -220,21 +383,41 @@ mod tests {
 
     #[test]
     fn records_count_their_highest_subindex() {
-        let count = |index| entries()[place(Address::new(index, 0)).unwrap()].default;
+        let count = |index| entry(Address::new(index, 0)).unwrap().default;
         assert_eq!(count(0x1018), 4);
         assert_eq!(count(0x60E3), 15);
         assert_eq!(count(0x1800), 3);
         assert_eq!(count(0x1A02), 2);
+        assert_eq!(count(0x3010), 4);
     }
 
     #[test]
     fn objects_that_the_drive_lacks_are_absent() {
         for index in [
-            0x6072, 0x605D, 0x607C, 0x1009, 0x100A, 0x1006, 0x100C, 0x100D,
+            0x6072, 0x605D, 0x607C, 0x1009, 0x100A, 0x1006, 0x100C, 0x100D, 0x1015, 0x1019,
         ] {
             assert!(!has_index(index), "0x{index:04X}");
         }
         assert!(place(Address::new(0x1800, 5)).is_none());
+        assert!(place(Address::new(0x1400, 5)).is_none());
+    }
+
+    #[test]
+    fn the_typed_objects_are_the_entries() {
+        let entry = entry(objects::POSITION_ACTUAL.address).unwrap();
+        assert_eq!(
+            (entry.kind, entry.name, entry.unit),
+            (Kind::I32, "position actual value", "qc")
+        );
+        assert_eq!(objects::POSITION_ACTUAL.name, entry.name);
+    }
+
+    #[test]
+    fn cob_ids_carry_the_node_id() {
+        let cob_id = |index| entry(Address::new(index, 1)).unwrap().factory_value(3);
+        assert_eq!(cob_id(0x1800), 0x4000_0183);
+        assert_eq!(cob_id(0x1801), 0xC000_0283);
+        assert_eq!(cob_id(0x1402), 0x403);
     }
 
     #[test]
