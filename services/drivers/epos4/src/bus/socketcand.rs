@@ -228,6 +228,32 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn answers_may_be_cut_at_every_byte() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = listener.local_addr().unwrap().port();
+        tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            stream.set_nodelay(true).unwrap();
+            for (request, answer) in [
+                ("", "< hi >"),
+                ("< open can0 >", "< ok >"),
+                ("< rawmode >", "< ok >< frame 701 1.500000 05 >"),
+            ] {
+                stream
+                    .read_exact(&mut vec![0; request.len()])
+                    .await
+                    .unwrap();
+                for byte in answer.as_bytes().chunks(1) {
+                    stream.write_all(byte).await.unwrap();
+                    tokio::task::yield_now().await;
+                }
+            }
+        });
+        let mut bus: Box<dyn CanBus> = Box::new(open("127.0.0.1", port, "can0").await.unwrap());
+        assert_eq!(bus.receive().await.unwrap().frame.cob_id(), Some(0x701));
+    }
+
+    #[tokio::test]
     async fn frames_wait_for_a_server_that_does_not_read_up_to_a_bound() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let port = listener.local_addr().unwrap().port();
