@@ -10,6 +10,7 @@ mod drives;
 mod faults;
 mod homing;
 mod inputs;
+mod mechanics;
 mod network;
 mod node;
 mod objects;
@@ -23,5 +24,6 @@ pub mod wire;
 
 pub use bus::Bus;
 pub use drives::Drives;
+pub use mechanics::{Contact, INPUT_COUNT, Input, Mechanics};
 pub use node::{Node, NodeConfig};
-pub use shaft::{Mechanics, Motor};
+pub use shaft::Motor;

@@ -3,8 +3,9 @@
 //!
 //! Everything is reached through the wires that a real cell has (RTDE, URScript, dashboard, CAN), and
 //! the camera and the referee through gRPC. One seed makes a whole case: [`scenario`]. The truth lives
-//! in [`cell`] and is pure; [`clock`] lets it pass. [`standalone`] is one controller without a cell.
+//! in [`cell`] and is pure; [`clock`] lets it pass. [`standalone`] is one device without a cell.
 
+pub mod bench;
 pub mod calibration_board;
 pub mod camera;
 pub mod cell;
@@ -49,8 +50,7 @@ pub struct Server;
 impl Service for Server {
     const NAME: &'static str = "simulator";
     const DEFAULT_PORT: u16 = 50059;
-    const HELP_AFTER: &'static str =
-        "With `ur5` as first argument: one UR controller alone, see `arthro-simulator ur5 --help`.";
+    const HELP_AFTER: &'static str = "With `ur5` or `epos4` as first argument: one such device alone, see `arthro-simulator epos4 --help`.";
     type Config = Config;
 
     async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {

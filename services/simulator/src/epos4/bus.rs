@@ -4,16 +4,20 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use epos4_link::canopen::heartbeat;
 use epos4_link::frame::{Frame, Stamped};
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
+use tokio::time::{Instant, timeout_at};
 
 use super::drives::Drives;
-use super::shaft::Mechanics;
+use super::mechanics::Mechanics;
 
 /// The bus. The cell ticks it; members send and hear.
 #[derive(Debug)]
 pub struct Bus {
     wire: Mutex<Wire>,
+    /// A heartbeat came, or a member left.
+    beat: Notify,
 }
 
 /// One listener and sender. Leaves the bus when dropped.
@@ -36,6 +40,8 @@ struct Wire {
     now_s: f64,
     members: HashMap<u64, mpsc::Sender<Stamped>>,
     next_number: u64,
+    /// Heartbeats are not waited for until the next one comes.
+    gave_up: bool,
 }
 
 /// A member that has this many frames unread is put off the bus.
@@ -50,9 +56,11 @@ impl Bus {
             now_s: 0.0,
             members: HashMap::new(),
             next_number: 0,
+            gave_up: false,
         };
         Arc::new(Self {
             wire: Mutex::new(wire),
+            beat: Notify::new(),
         })
     }
 
@@ -62,6 +70,23 @@ impl Bus {
         wire.now_s = now_s;
         let frames = wire.drives.tick(dt_s, now_s, mechanics);
         wire.publish(&frames, None);
+    }
+
+    /// Lock step with whoever a drive expects heartbeats of: when one would be missed in the next `dt_s`, waits for it,
+    /// at most for `bound` of the wall clock. Who does not send in time is not waited for until the next heartbeat.
+    pub async fn wait_for_heartbeats(&self, dt_s: f64, bound: Duration) {
+        let deadline = Instant::now() + bound;
+        loop {
+            let mut beat = std::pin::pin!(self.beat.notified());
+            beat.as_mut().enable();
+            if !self.wire().owed_a_heartbeat(dt_s) {
+                return;
+            }
+            if timeout_at(deadline, beat).await.is_err() {
+                self.wire().gave_up = true;
+                return;
+            }
+        }
     }
 
     /// The true shafts, quadcounts, in the order of the drives.
@@ -110,6 +135,14 @@ impl Bus {
 }
 
 impl Wire {
+    fn owed_a_heartbeat(&self, dt_s: f64) -> bool {
+        let runs_out = |node: &super::Node| {
+            let patience_s = node.patience_s(self.now_s);
+            patience_s.is_some_and(|patience_s| patience_s <= dt_s)
+        };
+        !self.gave_up && !self.members.is_empty() && self.drives.nodes.iter().any(runs_out)
+    }
+
     /// Shows frames to every member but their sender.
     fn publish(&mut self, frames: &[Frame], sender: Option<u64>) {
         let stamp = Duration::try_from_secs_f64(self.now_s).unwrap_or_default();
@@ -141,6 +174,10 @@ impl Sender {
         let now_s = wire.now_s;
         let answers = wire.drives.on_frame(frame, now_s);
         wire.publish(&answers, None);
+        if heartbeat::decode(frame).is_some() {
+            wire.gave_up = false;
+            self.bus.beat.notify_waiters();
+        }
     }
 }
 
@@ -165,5 +202,6 @@ impl Member {
 impl Drop for Member {
     fn drop(&mut self) {
         self.sender.bus.wire().members.remove(&self.sender.number);
+        self.sender.bus.beat.notify_waiters();
     }
 }

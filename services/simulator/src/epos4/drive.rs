@@ -8,10 +8,11 @@ use self::modes::Mode;
 use super::faults::{Reaction, code};
 use super::homing::Homing;
 use super::inputs::{Inputs, Switch};
+use super::mechanics::Mechanics;
 use super::objects::Power;
 use super::parameters::Parameters;
 use super::positioning::{Positioning, Taken};
-use super::shaft::{Mechanics, Motor, Shaft};
+use super::shaft::{Motor, Shaft};
 use super::trajectory::Trajectory;
 
 /// State machine, mode and shaft.

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use epos4_link::frame::Frame;
 
+use super::mechanics::Mechanics;
 use super::node::Node;
-use super::shaft::Mechanics;
 
 /// The drives of one bus. What one sends, the others hear.
 #[derive(Debug)]
@@ -18,6 +18,12 @@ pub struct Drives {
 const CONVERSATION_MAX: usize = 256;
 
 impl Drives {
+    /// These drives.
+    #[must_use]
+    pub fn new(nodes: Vec<Node>) -> Self {
+        Self { nodes }
+    }
+
     /// A frame of a master; what all drives answer, in the order of the bus.
     pub fn on_frame(&mut self, frame: &Frame, now_s: f64) -> Vec<Frame> {
         let answers = self

@@ -118,16 +118,16 @@ impl Homing {
         };
         match *self.legs.front()? {
             Leg::ToSwitch(direction, switch) => {
-                if inputs.is_active(switch) {
+                if inputs.finds(switch) {
                     self.legs.pop_front();
-                } else if switch == Switch::Home && inputs.is_active(direction.limit()) {
+                } else if switch == Switch::Home && inputs.finds(direction.limit()) {
                     self.search_home_the_other_way(direction);
                 } else {
                     run(direction, parameters.switch_search);
                 }
             }
             Leg::OffSwitch(direction, switch) => {
-                let active = inputs.is_active(switch);
+                let active = inputs.finds(switch);
                 if self.on_switch && !active {
                     // The first whole quadcount off the switch.
                     let edge_qc = direction.sign() * (direction.sign() * shaft.position_qc).ceil();

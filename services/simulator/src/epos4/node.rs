@@ -11,12 +11,12 @@ use epos4_link::frame::Frame;
 
 use super::drive::{Control, Drive};
 use super::faults::{self, Faults};
-use super::inputs;
+use super::mechanics::Mechanics;
 use super::network::Network;
 use super::objects::{Objects, Power};
 use super::parameters::Parameters;
 use super::pdo::{self, Occasion, Received, TransmitPdos};
-use super::shaft::{Mechanics, Motor};
+use super::shaft::Motor;
 use epos4_link::objects;
 
 /// What distinguishes one drive from another.
@@ -75,7 +75,7 @@ impl NodeConfig {
                 (objects::GEAR_NUMERATOR.address, 21),
                 (objects::GEAR_DENOMINATOR.address, 1),
                 (objects::NOMINAL_CURRENT.address, 500),
-                (objects::OUTPUT_CURRENT_LIMIT.address, 1000),
+                (objects::OUTPUT_CURRENT_LIMIT.address, 800),
             ],
         }
     }
@@ -121,6 +121,12 @@ impl Node {
     #[must_use]
     pub fn current_ma(&self) -> f64 {
         self.device.drive.shaft().current_ma
+    }
+
+    /// How long until a heartbeat that the drive expects counts as missed; none when it expects none.
+    #[must_use]
+    pub fn patience_s(&self, now_s: f64) -> Option<f64> {
+        self.network.patience_s(now_s)
     }
 
     /// The CiA 402 state.
@@ -356,10 +362,7 @@ impl Device {
                 objects::TORQUE_AVERAGED.address,
                 per_mille(shaft.current_averaged_ma),
             ),
-            (
-                objects::INPUT_LEVELS.address,
-                i64::from(inputs::levels(mechanics)),
-            ),
+            (objects::INPUT_LEVELS.address, i64::from(mechanics.levels())),
             (
                 objects::DIGITAL_INPUTS.address,
                 i64::from(self.drive.inputs().0),

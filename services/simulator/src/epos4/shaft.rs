@@ -2,25 +2,8 @@
 //!
 //! Gear and feed screw are self-locking: the mechanism's force slows the shaft and costs current, but never turns it.
 
+use super::mechanics::Mechanics;
 use super::trajectory::Trajectory;
-
-/// What the mechanism does to one drive during a step of the cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Mechanics {
-    /// Current that the mechanism demands at the present position, mA. Positive pushes the shaft towards negative
-    /// positions.
-    pub load_ma: f64,
-    /// Where the shaft is stopped, quadcounts of the true shaft.
-    pub hard_stop_low_qc: Option<f64>,
-    /// Likewise at the other end.
-    pub hard_stop_high_qc: Option<f64>,
-    /// Level of digital input 1, the negative limit switch from the factory.
-    pub negative_switch: bool,
-    /// Level of digital input 2, the positive limit switch from the factory.
-    pub positive_switch: bool,
-    /// Level of digital input 3, the home switch from the factory.
-    pub home_switch: bool,
-}
 
 /// The motor with its gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
