@@ -31,6 +31,7 @@ use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::bench_service_server::BenchServiceServer;
 use arthro_proto::simulator::v1::camera_service_server::CameraServiceServer;
+use arthro_proto::simulator::v1::drive_fault_service_server::DriveFaultServiceServer;
 use arthro_proto::simulator::v1::fault_service_server::FaultServiceServer;
 use arthro_proto::simulator::v1::referee_service_server::RefereeServiceServer;
 use tonic::service::Routes;
@@ -41,7 +42,7 @@ use crate::clock::{Arm, Driven};
 use crate::config::ArmConfig;
 pub use crate::config::Config;
 pub use crate::error::Error;
-use crate::server::{BenchApi, CameraApi, FaultApi, Patient, RefereeApi};
+use crate::server::{BenchApi, CameraApi, DriveFaultApi, FaultApi, Patient, RefereeApi};
 
 /// The simulator as a server.
 #[derive(Debug)]
@@ -84,6 +85,7 @@ impl Service for Server {
             links: Arc::clone(arm.servers.links()),
         });
         let faults = FaultApi::new(patients.collect());
+        let drive_faults = DriveFaultApi::new(Arc::clone(&bus));
         let options = clock::Options {
             time_scale: config.time_scale,
             client_wait: Duration::from_millis(config.client_wait_ms),
@@ -112,7 +114,8 @@ impl Service for Server {
         Ok(Routes::new(CameraServiceServer::new(camera))
             .add_service(BenchServiceServer::new(bench))
             .add_service(RefereeServiceServer::new(referee))
-            .add_service(FaultServiceServer::new(faults)))
+            .add_service(FaultServiceServer::new(faults))
+            .add_service(DriveFaultServiceServer::new(drive_faults)))
     }
 }
 

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_proto::simulator::v1::drive_fault_service_server::DriveFaultServiceServer;
 use serde::{Deserialize, Serialize};
 use tonic::service::Routes;
 
@@ -18,6 +19,7 @@ use super::Pace;
 use crate::Error;
 use crate::bench::{Bench, JawConfig};
 use crate::epos4::{Bus, socketcand, wire};
+use crate::server::DriveFaultApi;
 
 /// The section `[epos4]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -88,7 +90,8 @@ impl Service for Standalone {
             ticking.abort();
             drop((server, wire));
         });
-        Ok(Routes::default())
+        let faults = DriveFaultApi::new(bus);
+        Ok(Routes::new(DriveFaultServiceServer::new(faults)))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use epos4_link::canopen::emcy::Emergency;
 use epos4_link::canopen::nmt::Target;
-use epos4_link::canopen::sdo::{Initiate, Request, Response};
+use epos4_link::canopen::sdo::{AbortCode, Initiate, Request, Response};
 use epos4_link::cia402::Statusword;
 use epos4_link::frame::Id;
 
