@@ -7,16 +7,23 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use epos4_link::bus::{CanBus, Error};
-use epos4_link::frame::{Frame, Stamped};
-use tokio::sync::mpsc;
+use epos4_link::canopen::heartbeat;
+use epos4_link::frame::{Frame, Id, Stamped};
+use tokio::sync::{Notify, mpsc};
+use tokio::time::{Instant, timeout_at};
 
 use super::drives::Drives;
-use super::shaft::Mechanics;
+use super::fault::{Active, Fault};
+use super::mechanics::Mechanics;
 
 /// The bus. The cell ticks it; members send and hear.
 #[derive(Debug)]
 pub struct Bus {
     wire: Mutex<Wire>,
+    /// A heartbeat came, or a member left.
+    beat: Notify,
+    /// A fault came, went or met something.
+    changed: Notify,
 }
 
 /// One listener and sender. Leaves the bus when dropped.
@@ -39,8 +46,18 @@ pub struct Sender {
 struct Wire {
     drives: Drives,
     now_s: f64,
-    members: HashMap<u64, mpsc::Sender<Stamped>>,
+    members: HashMap<u64, Host>,
     next_number: u64,
+    /// Heartbeats are not waited for until the next one comes.
+    gave_up: bool,
+}
+
+/// A member as the bus sees it.
+#[derive(Debug)]
+struct Host {
+    heard: mpsc::Sender<Stamped>,
+    /// Its controller takes no part in the bus.
+    bus_off: bool,
 }
 
 /// A member that has this many frames unread is put off the bus.
@@ -55,9 +72,12 @@ impl Bus {
             now_s: 0.0,
             members: HashMap::new(),
             next_number: 0,
+            gave_up: false,
         };
         Arc::new(Self {
             wire: Mutex::new(wire),
+            beat: Notify::new(),
+            changed: Notify::new(),
         })
     }
 
@@ -67,6 +87,101 @@ impl Bus {
         wire.now_s = now_s;
         let frames = wire.drives.tick(dt_s, now_s, mechanics);
         wire.publish(&frames, None);
+        self.tell_changes(&mut wire);
+    }
+
+    /// The bus's clock, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.wire().now_s
+    }
+
+    /// Does something to one drive, to all, or to the bus; its number. None when too much is done already.
+    pub fn inject(&self, node_id: Option<u8>, fault: Fault, seed: u64) -> Option<u64> {
+        let mut wire = self.wire();
+        let id = wire.drives.inject(node_id, fault, seed)?;
+        match fault {
+            Fault::BusOff => {
+                wire.report(fault, error_frame(Id::ERROR_BUS_OFF, 0));
+                wire.members
+                    .values_mut()
+                    .for_each(|host| host.bus_off = true);
+            }
+            Fault::ErrorPassive => {
+                wire.report(fault, error_frame(ERROR_CONTROLLER, CONTROLLER_PASSIVE));
+            }
+            _ => {}
+        }
+        self.tell_changes(&mut wire);
+        Some(id)
+    }
+
+    /// Ends a fault, or all; how many.
+    pub fn clear(&self, id: Option<u64>) -> usize {
+        let mut wire = self.wire();
+        let ended = wire.drives.clear(id);
+        for active in &ended {
+            match active.fault {
+                Fault::BusOff => {
+                    wire.members
+                        .values_mut()
+                        .for_each(|host| host.bus_off = false);
+                    wire.report(active.fault, error_frame(ERROR_RESTARTED, 0));
+                }
+                Fault::ErrorPassive => {
+                    wire.report(
+                        active.fault,
+                        error_frame(ERROR_CONTROLLER, CONTROLLER_ACTIVE),
+                    );
+                }
+                _ => {}
+            }
+        }
+        self.tell_changes(&mut wire);
+        ended.len()
+    }
+
+    /// The faults in force.
+    #[must_use]
+    pub fn faults(&self) -> Vec<Active> {
+        self.wire().drives.faults().list().to_vec()
+    }
+
+    /// Waits until a fault has met so many frames; how many. None when there is no fault of this number.
+    pub async fn wait_for_fault(&self, id: u64, affected: u64) -> Option<u64> {
+        loop {
+            let mut changed = std::pin::pin!(self.changed.notified());
+            changed.as_mut().enable();
+            let faults = self.faults();
+            let met = faults.iter().find(|active| active.id == id)?.affected;
+            if met >= affected {
+                return Some(met);
+            }
+            changed.await;
+        }
+    }
+
+    fn tell_changes(&self, wire: &mut Wire) {
+        if wire.drives.faults().take_changed() {
+            self.changed.notify_waiters();
+        }
+    }
+
+    /// Lock step with whoever a drive expects heartbeats of: when one would be missed in the next `dt_s`, waits for it,
+    /// at most for `bound` of the wall clock. Who does not send in time is not waited for until the next heartbeat.
+    pub async fn wait_for_heartbeats(&self, dt_s: f64, bound: Duration) {
+        let deadline = Instant::now() + bound;
+        loop {
+            let mut beat = std::pin::pin!(self.beat.notified());
+            beat.as_mut().enable();
+            if !self.wire().owed_a_heartbeat(dt_s) {
+                return;
+            }
+            if timeout_at(deadline, beat).await.is_err() {
+                self.wire().gave_up = true;
+                return;
+            }
+        }
     }
 
     /// The true shafts, quadcounts, in the order of the drives.
@@ -98,7 +213,13 @@ impl Bus {
         let mut wire = self.wire();
         let number = wire.next_number;
         wire.next_number += 1;
-        wire.members.insert(number, sender);
+        wire.members.insert(
+            number,
+            Host {
+                heard: sender,
+                bus_off: false,
+            },
+        );
         Member {
             sender: Sender {
                 bus: Arc::clone(self),
@@ -116,21 +237,32 @@ impl Bus {
 }
 
 impl Wire {
-    fn stamp(&self) -> Duration {
-        Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
+    fn owed_a_heartbeat(&self, dt_s: f64) -> bool {
+        let runs_out = |node: &super::Node| {
+            let patience_s = node.patience_s(self.now_s);
+            patience_s.is_some_and(|patience_s| patience_s <= dt_s)
+        };
+        !self.gave_up
+            && self.members.values().any(|host| !host.bus_off)
+            && self.drives.nodes.iter().any(runs_out)
     }
 
     /// Shows frames to every member but their sender.
     fn publish(&mut self, frames: &[Frame], sender: Option<u64>) {
         let stamp = self.stamp();
-        self.members.retain(|number, member| {
+        let mut kept_back = 0;
+        self.members.retain(|number, host| {
+            if host.bus_off {
+                kept_back += frames.len() as u64;
+                return true;
+            }
             let others = frames.iter().filter(|_| sender != Some(*number));
             let kept = others
                 .map(|frame| Stamped {
                     frame: *frame,
                     stamp,
                 })
-                .all(|frame| member.try_send(frame).is_ok());
+                .all(|frame| host.heard.try_send(frame).is_ok());
             if !kept {
                 tracing::warn!(
                     member = number,
@@ -140,17 +272,64 @@ impl Wire {
             }
             kept
         });
+        if kept_back > 0 {
+            self.drives.faults().meet(Fault::BusOff, kept_back);
+        }
     }
+
+    /// Tells every member what its controller reports.
+    fn report(&mut self, fault: Fault, frame: Option<Frame>) {
+        let frames: Vec<Frame> = frame.into_iter().collect();
+        let listening = self.members.values().filter(|host| !host.bus_off).count();
+        self.publish(&frames, None);
+        self.drives.faults().meet(fault, listening as u64);
+    }
+
+    fn stamp(&self) -> Duration {
+        Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
+    }
+}
+
+/// Error class bits and bytes of `linux/can/error.h`.
+const ERROR_CONTROLLER: u32 = 0x04;
+const ERROR_RESTARTED: u32 = 0x100;
+const CONTROLLER_PASSIVE: u8 = 0x10 | 0x20;
+const CONTROLLER_ACTIVE: u8 = 0x40;
+
+/// What a controller reports; its state is byte 1.
+fn error_frame(class: u32, controller: u8) -> Option<Frame> {
+    Frame::new(Id::Error(class), &[0, controller, 0, 0, 0, 0, 0, 0])
 }
 
 impl Sender {
     /// Puts a frame on the bus. Everybody else hears it, then the drives' answers, which this member hears too.
     pub fn send(&self, frame: &Frame) {
         let mut wire = self.bus.wire();
+        if let Some(answers) = self.exchange(&mut wire, frame) {
+            wire.publish(&answers, None);
+        }
+        self.bus.tell_changes(&mut wire);
+    }
+
+    /// Shows a frame to everybody else; what the drives answer, which is not yet on the bus. None when this member's
+    /// controller takes no part in it.
+    fn exchange(&self, wire: &mut Wire, frame: &Frame) -> Option<Vec<Frame>> {
+        if wire
+            .members
+            .get(&self.number)
+            .is_some_and(|host| host.bus_off)
+        {
+            wire.drives.faults().meet(Fault::BusOff, 1);
+            return None;
+        }
         wire.publish(&[*frame], Some(self.number));
         let now_s = wire.now_s;
         let answers = wire.drives.on_frame(frame, now_s);
-        wire.publish(&answers, None);
+        if heartbeat::decode(frame).is_some() {
+            wire.gave_up = false;
+            self.bus.beat.notify_waiters();
+        }
+        Some(answers)
     }
 }
 
@@ -180,13 +359,13 @@ impl CanBus for Member {
             wire.members.remove(&number);
             return Err(put_off());
         }
-        wire.publish(&[frame], Some(number));
-        let now_s = wire.now_s;
-        let answers = wire.drives.on_frame(&frame, now_s);
-        wire.publish(&answers, Some(number));
-        let stamp = wire.stamp();
-        let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
-        self.earlier.extend(answers);
+        if let Some(answers) = self.sender.exchange(&mut wire, &frame) {
+            wire.publish(&answers, Some(number));
+            let stamp = wire.stamp();
+            let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
+            self.earlier.extend(answers);
+        }
+        self.sender.bus.tell_changes(&mut wire);
         Ok(())
     }
 
@@ -206,5 +385,6 @@ fn put_off() -> Error {
 impl Drop for Member {
     fn drop(&mut self) {
         self.sender.bus.wire().members.remove(&self.sender.number);
+        self.sender.bus.beat.notify_waiters();
     }
 }

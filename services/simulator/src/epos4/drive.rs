@@ -5,13 +5,17 @@ mod modes;
 use epos4_link::cia402::{Command, HALT, State, Statusword, homing, profile_position};
 
 use self::modes::Mode;
-use super::faults::{Reaction, code};
+use super::defects::Drivetrain;
+use super::errors::{Reaction, code};
 use super::homing::Homing;
-use super::inputs::{Inputs, Switch};
+use super::inputs::{Inputs, Permission, Switch};
+use super::interpolation::Interpolation;
+use super::mechanics::Mechanics;
 use super::objects::Power;
 use super::parameters::Parameters;
 use super::positioning::{Positioning, Taken};
-use super::shaft::{Mechanics, Motor, Shaft};
+use super::shaft::{Motor, Shaft};
+use super::thermal::Thermal;
 use super::trajectory::Trajectory;
 
 /// State machine, mode and shaft.
@@ -25,7 +29,9 @@ pub struct Drive {
     trajectory: Trajectory,
     positioning: Positioning,
     homing: Homing,
+    interpolation: Interpolation,
     shaft: Shaft,
+    thermal: Thermal,
     motor: Motor,
     /// Where the true shaft stands at position 0.
     origin_qc: f64,
@@ -44,6 +50,8 @@ struct Stopping {
     waited_s: f64,
 }
 
+/// The homing method that takes the present position; without power it does so at once.
+const PRESENT_POSITION: i64 = 37;
 /// The drive's own control cycle, s.
 const CYCLE_S: f64 = 0.0004;
 
@@ -59,10 +67,9 @@ impl Drive {
             trajectory: Trajectory::standing_at(position_qc),
             positioning: Positioning::default(),
             homing: Homing::default(),
-            shaft: Shaft {
-                position_qc,
-                ..Shaft::default()
-            },
+            interpolation: Interpolation::default(),
+            shaft: Shaft::at(position_qc),
+            thermal: Thermal::default(),
             motor,
             origin_qc: position_qc,
             referenced: false,
@@ -75,6 +82,7 @@ impl Drive {
     pub fn restart(&mut self) {
         *self = Self {
             shaft: self.shaft,
+            thermal: self.thermal,
             ..Self::new(self.shaft.position_qc, self.motor)
         };
     }
@@ -89,6 +97,11 @@ impl Drive {
     #[must_use]
     pub fn shaft(&self) -> &Shaft {
         &self.shaft
+    }
+
+    /// How warm motor and power stage are.
+    pub fn thermal(&mut self) -> &mut Thermal {
+        &mut self.thermal
     }
 
     /// The demand.
@@ -145,7 +158,7 @@ impl Drive {
             (Statusword::TARGET_REACHED, bit_10),
             (
                 Statusword::INTERNAL_LIMIT,
-                self.power() == Power::On && self.shaft.limited,
+                self.power() == Power::On && (self.shaft.limited || self.thermal.limits()),
             ),
             (1 << 12, bit_12),
             (1 << 13, bit_13),
@@ -164,6 +177,7 @@ impl Drive {
         self.mode = mode;
         self.positioning = Positioning::default();
         self.homing = Homing::default();
+        self.interpolation = Interpolation::default();
     }
 
     /// Obeys a controlword. Tells whether errors are to be acknowledged, or which error it causes.
@@ -179,10 +193,19 @@ impl Drive {
             return Control::AcknowledgeErrors;
         }
         self.obey(command, parameters);
+        let rising = controlword & !previous;
+        if self.mode == Mode::Homing
+            && self.power() == Power::Off
+            && rising & homing::START != 0
+            && parameters.homing.method == PRESENT_POSITION
+        {
+            self.origin_qc = self.shaft.position_qc - parameters.homing.position_qc;
+            self.referenced = true;
+            self.homing.attain();
+        }
         if self.state != State::OperationEnabled || self.stopping.is_some() {
             return Control::Done;
         }
-        let rising = controlword & !previous;
         match self.mode {
             Mode::ProfilePosition => {
                 self.positioning.on_controlword(controlword);
@@ -262,13 +285,19 @@ impl Drive {
     }
 
     /// Lets time pass, cycle by cycle; the errors that appeared. Nothing happens in no time.
-    pub fn step(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        parameters: &Parameters,
+        mechanics: &Mechanics,
+        drivetrain: Drivetrain,
+    ) -> Vec<u16> {
         let cycles = (dt_s / CYCLE_S).ceil();
         let cycle_s = dt_s / cycles;
         let mut errors = Vec::new();
         for _ in 0..cycles as usize {
-            for error in self.cycle(cycle_s, parameters, mechanics) {
-                self.react(super::faults::effect(error).1, parameters);
+            for error in self.cycle(cycle_s, parameters, mechanics, drivetrain) {
+                self.react(super::errors::effect(error).1, parameters);
                 if !errors.contains(&error) {
                     errors.push(error);
                 }
@@ -277,17 +306,29 @@ impl Drive {
         errors
     }
 
-    fn cycle(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+    fn cycle(
+        &mut self,
+        dt_s: f64,
+        parameters: &Parameters,
+        mechanics: &Mechanics,
+        drivetrain: Drivetrain,
+    ) -> Vec<u16> {
         let inputs_before =
             std::mem::replace(&mut self.inputs, Inputs::read(mechanics, parameters));
+        self.obey_inputs(parameters);
         let order = self.order(parameters, dt_s);
         self.shaft.cycle(
             order,
-            parameters.current_limit_ma,
+            self.thermal.limit_ma(parameters),
             &self.motor,
-            mechanics,
+            (mechanics, drivetrain),
             dt_s,
         );
+        self.thermal.cycle(self.shaft.current_ma, parameters, dt_s);
+        // The count has left the range of 0x6064.
+        if (self.shaft.position_qc - self.origin_qc).abs() > f64::from(i32::MAX) {
+            self.referenced = false;
+        }
         if self.power() == Power::Off {
             self.trajectory = Trajectory::standing_at(self.shaft.position_qc);
         }
@@ -303,6 +344,18 @@ impl Drive {
         errors.extend(self.limit_switch_error(inputs_before));
         errors.extend(self.software_limit_error(parameters));
         errors
+    }
+
+    /// Inputs that command: drive enable and quick stop.
+    fn obey_inputs(&mut self, parameters: &Parameters) {
+        if self.power() == Power::On && self.inputs.forbids(Permission::DriveEnable, parameters) {
+            self.enter(State::SwitchOnDisabled);
+        }
+        if self.state == State::OperationEnabled
+            && self.inputs.forbids(Permission::QuickStop, parameters)
+        {
+            self.obey(Command::QuickStop, parameters);
+        }
     }
 
     fn obey(&mut self, command: Command, parameters: &Parameters) {
@@ -335,8 +388,12 @@ impl Drive {
                 self.brake(parameters.profile.deceleration_qc_s2, Some(SwitchedOn));
             }
             // From READY_TO_SWITCH_ON it passes SWITCHED_ON by itself.
-            (Command::EnableOperation, ReadyToSwitchOn | SwitchedOn | QuickStopActive) => {
-                self.enter(OperationEnabled)
+            (Command::EnableOperation, ReadyToSwitchOn | SwitchedOn | QuickStopActive)
+                if ![Permission::DriveEnable, Permission::QuickStop]
+                    .iter()
+                    .any(|input| self.inputs.forbids(*input, parameters)) =>
+            {
+                self.enter(OperationEnabled);
             }
             _ => {}
         }
@@ -353,6 +410,7 @@ impl Drive {
         self.state = state;
         self.stopping = None;
         self.positioning = Positioning::default();
+        self.interpolation = Interpolation::default();
         if state != State::OperationEnabled {
             self.homing.interrupt();
         }

@@ -103,7 +103,7 @@ mod tests {
 
     /// A bus without drives, and the server that carries it.
     async fn bare_bus() -> (Arc<Bus>, Server, String) {
-        let bus = Bus::new(Drives { nodes: Vec::new() });
+        let bus = Bus::new(Drives::new(Vec::new()));
         let bind = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = socketcand::serve(bind, Arc::clone(&bus)).await.unwrap();
         let address = format!("socketcand://{}/can0", server.address());
@@ -112,9 +112,7 @@ mod tests {
 
     /// A bus with a drive that has started.
     fn one_drive() -> Arc<Bus> {
-        let bus = Bus::new(Drives {
-            nodes: vec![Node::new(NodeConfig::new(1, 7))],
-        });
+        let bus = Bus::new(Drives::new(vec![Node::new(NodeConfig::new(1, 7))]));
         bus.tick(1.0, 1.0, &[]);
         bus
     }

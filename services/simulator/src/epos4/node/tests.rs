@@ -2,11 +2,12 @@
 
 use epos4_link::canopen::emcy::Emergency;
 use epos4_link::canopen::nmt::Target;
-use epos4_link::canopen::sdo::{Initiate, Request, Response};
+use epos4_link::canopen::sdo::{AbortCode, Initiate, Request, Response};
 use epos4_link::cia402::Statusword;
 use epos4_link::frame::Id;
 
 use super::*;
+use crate::epos4::mechanics::{Contact, INPUT_COUNT, Input};
 
 const STEP_S: f64 = 0.002;
 
@@ -16,6 +17,15 @@ struct Rig {
     now_s: f64,
     mechanics: Box<dyn Fn(f64) -> Mechanics>,
     sent: Vec<Frame>,
+}
+
+/// Negative limit, positive limit and home switch, normally open, on the first three inputs.
+fn switches(actuated: [bool; 3]) -> [Input; INPUT_COUNT] {
+    let mut inputs = [Input::default(); INPUT_COUNT];
+    for (input, actuated) in inputs.iter_mut().zip(actuated) {
+        *input = Input::new(Contact::NormallyOpen, actuated);
+    }
+    inputs
 }
 
 impl Rig {
@@ -44,7 +54,7 @@ impl Rig {
             |position_qc| Mechanics {
                 hard_stop_low_qc: Some(-1000.0),
                 hard_stop_high_qc: Some(30_000.0),
-                negative_switch: position_qc < 0.0,
+                inputs: switches([position_qc < 0.0, false, false]),
                 ..Mechanics::default()
             },
         )
@@ -582,9 +592,11 @@ fn homing_by_current_below_the_threshold_ends_in_a_following_error() {
 #[test]
 fn homing_on_home_switch_index_and_present_position() {
     let home_switch = |position_qc: f64| Mechanics {
-        home_switch: (5000.0..8000.0).contains(&position_qc),
-        negative_switch: position_qc < -10_000.0,
-        positive_switch: position_qc > 20_000.0,
+        inputs: switches([
+            position_qc < -10_000.0,
+            position_qc > 20_000.0,
+            (5000.0..8000.0).contains(&position_qc),
+        ]),
         ..Mechanics::default()
     };
     for (method, start_qc, home_qc) in [
