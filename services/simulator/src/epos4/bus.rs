@@ -1,5 +1,8 @@
 //! The bus with its drives and everybody else on it: puts frames in one order and carries the cell's time.
 
+mod faults;
+mod lock_step;
+
 use std::collections::{HashMap, VecDeque};
 use std::future::poll_fn;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,12 +11,11 @@ use std::time::Duration;
 
 use epos4_link::bus::{CanBus, Error};
 use epos4_link::canopen::heartbeat;
-use epos4_link::frame::{Frame, Id, Stamped};
+use epos4_link::frame::{Frame, Stamped};
 use tokio::sync::{Notify, mpsc};
-use tokio::time::{Instant, timeout_at};
 
 use super::drives::Drives;
-use super::fault::{Active, Fault};
+use super::fault::Fault;
 use super::mechanics::Mechanics;
 
 /// The bus. The cell ticks it; members send and hear.
@@ -96,91 +98,25 @@ impl Bus {
         self.wire().now_s
     }
 
-    /// Does something to one drive, to all, or to the bus; its number. None when too much is done already.
-    pub fn inject(&self, node_id: Option<u8>, fault: Fault, seed: u64) -> Option<u64> {
-        let mut wire = self.wire();
-        let id = wire.drives.inject(node_id, fault, seed)?;
-        match fault {
-            Fault::BusOff => {
-                wire.report(fault, error_frame(Id::ERROR_BUS_OFF, 0));
-                wire.members
-                    .values_mut()
-                    .for_each(|host| host.bus_off = true);
-            }
-            Fault::ErrorPassive => {
-                wire.report(fault, error_frame(ERROR_CONTROLLER, CONTROLLER_PASSIVE));
-            }
-            _ => {}
+    /// Puts a member's frame on the bus; what the drives answer. A controller that is bus-off loses it.
+    fn put(&self, wire: &mut Wire, number: u64, frame: &Frame) -> Vec<Frame> {
+        if wire.members.get(&number).is_some_and(|host| host.bus_off) {
+            wire.drives.faults().meet(Fault::BusOff, 1);
+            return Vec::new();
         }
-        self.tell_changes(&mut wire);
-        Some(id)
-    }
-
-    /// Ends a fault, or all; how many.
-    pub fn clear(&self, id: Option<u64>) -> usize {
-        let mut wire = self.wire();
-        let ended = wire.drives.clear(id);
-        for active in &ended {
-            match active.fault {
-                Fault::BusOff => {
-                    wire.members
-                        .values_mut()
-                        .for_each(|host| host.bus_off = false);
-                    wire.report(active.fault, error_frame(ERROR_RESTARTED, 0));
-                }
-                Fault::ErrorPassive => {
-                    wire.report(
-                        active.fault,
-                        error_frame(ERROR_CONTROLLER, CONTROLLER_ACTIVE),
-                    );
-                }
-                _ => {}
-            }
+        wire.publish(&[*frame], Some(number));
+        let now_s = wire.now_s;
+        let answers = wire.drives.on_frame(frame, now_s);
+        if heartbeat::decode(frame).is_some() {
+            wire.gave_up = false;
+            self.beat.notify_waiters();
         }
-        self.tell_changes(&mut wire);
-        ended.len()
-    }
-
-    /// The faults in force.
-    #[must_use]
-    pub fn faults(&self) -> Vec<Active> {
-        self.wire().drives.faults().list().to_vec()
-    }
-
-    /// Waits until a fault has met so many frames; how many. None when there is no fault of this number.
-    pub async fn wait_for_fault(&self, id: u64, affected: u64) -> Option<u64> {
-        loop {
-            let mut changed = std::pin::pin!(self.changed.notified());
-            changed.as_mut().enable();
-            let faults = self.faults();
-            let met = faults.iter().find(|active| active.id == id)?.affected;
-            if met >= affected {
-                return Some(met);
-            }
-            changed.await;
-        }
+        answers
     }
 
     fn tell_changes(&self, wire: &mut Wire) {
         if wire.drives.faults().take_changed() {
             self.changed.notify_waiters();
-        }
-    }
-
-    /// Lock step with whoever a drive expects heartbeats of: when one would be missed in the next `dt_s`, waits for it,
-    /// at most for `bound` of the wall clock. Who does not send in time is not waited for until the next heartbeat.
-    pub async fn wait_for_heartbeats(&self, dt_s: f64, bound: Duration) {
-        let deadline = Instant::now() + bound;
-        loop {
-            let mut beat = std::pin::pin!(self.beat.notified());
-            beat.as_mut().enable();
-            if !self.wire().owed_a_heartbeat(dt_s) {
-                return;
-            }
-            if timeout_at(deadline, beat).await.is_err() {
-                self.wire().gave_up = true;
-                return;
-            }
         }
     }
 
@@ -237,16 +173,6 @@ impl Bus {
 }
 
 impl Wire {
-    fn owed_a_heartbeat(&self, dt_s: f64) -> bool {
-        let runs_out = |node: &super::Node| {
-            let patience_s = node.patience_s(self.now_s);
-            patience_s.is_some_and(|patience_s| patience_s <= dt_s)
-        };
-        !self.gave_up
-            && self.members.values().any(|host| !host.bus_off)
-            && self.drives.nodes.iter().any(runs_out)
-    }
-
     /// Shows frames to every member but their sender.
     fn publish(&mut self, frames: &[Frame], sender: Option<u64>) {
         let stamp = self.stamp();
@@ -277,59 +203,18 @@ impl Wire {
         }
     }
 
-    /// Tells every member what its controller reports.
-    fn report(&mut self, fault: Fault, frame: Option<Frame>) {
-        let frames: Vec<Frame> = frame.into_iter().collect();
-        let listening = self.members.values().filter(|host| !host.bus_off).count();
-        self.publish(&frames, None);
-        self.drives.faults().meet(fault, listening as u64);
-    }
-
     fn stamp(&self) -> Duration {
         Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
     }
-}
-
-/// Error class bits and bytes of `linux/can/error.h`.
-const ERROR_CONTROLLER: u32 = 0x04;
-const ERROR_RESTARTED: u32 = 0x100;
-const CONTROLLER_PASSIVE: u8 = 0x10 | 0x20;
-const CONTROLLER_ACTIVE: u8 = 0x40;
-
-/// What a controller reports; its state is byte 1.
-fn error_frame(class: u32, controller: u8) -> Option<Frame> {
-    Frame::new(Id::Error(class), &[0, controller, 0, 0, 0, 0, 0, 0])
 }
 
 impl Sender {
     /// Puts a frame on the bus. Everybody else hears it, then the drives' answers, which this member hears too.
     pub fn send(&self, frame: &Frame) {
         let mut wire = self.bus.wire();
-        if let Some(answers) = self.exchange(&mut wire, frame) {
-            wire.publish(&answers, None);
-        }
+        let answers = self.bus.put(&mut wire, self.number, frame);
+        wire.publish(&answers, None);
         self.bus.tell_changes(&mut wire);
-    }
-
-    /// Shows a frame to everybody else; what the drives answer, which is not yet on the bus. None when this member's
-    /// controller takes no part in it.
-    fn exchange(&self, wire: &mut Wire, frame: &Frame) -> Option<Vec<Frame>> {
-        if wire
-            .members
-            .get(&self.number)
-            .is_some_and(|host| host.bus_off)
-        {
-            wire.drives.faults().meet(Fault::BusOff, 1);
-            return None;
-        }
-        wire.publish(&[*frame], Some(self.number));
-        let now_s = wire.now_s;
-        let answers = wire.drives.on_frame(frame, now_s);
-        if heartbeat::decode(frame).is_some() {
-            wire.gave_up = false;
-            self.bus.beat.notify_waiters();
-        }
-        Some(answers)
     }
 }
 
@@ -359,13 +244,12 @@ impl CanBus for Member {
             wire.members.remove(&number);
             return Err(put_off());
         }
-        if let Some(answers) = self.sender.exchange(&mut wire, &frame) {
-            wire.publish(&answers, Some(number));
-            let stamp = wire.stamp();
-            let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
-            self.earlier.extend(answers);
-        }
+        let answers = self.sender.bus.put(&mut wire, number, &frame);
+        wire.publish(&answers, Some(number));
         self.sender.bus.tell_changes(&mut wire);
+        let stamp = wire.stamp();
+        let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
+        self.earlier.extend(answers);
         Ok(())
     }
 

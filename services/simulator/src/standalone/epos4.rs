@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::simulator::v1::drive_fault_service_server::DriveFaultServiceServer;
+use epos4_link::bus::socketcand::server::Server;
 use serde::{Deserialize, Serialize};
 use tonic::service::Routes;
 
@@ -139,7 +140,7 @@ impl Config {
 }
 
 /// One line of JSON for scripts that wait for the drives.
-fn announce(server: Option<&socketcand::Server>, config: &Config) -> std::io::Result<()> {
+fn announce(server: Option<&Server>, config: &Config) -> std::io::Result<()> {
     let served = server.map(|server| format!("socketcand://{}/can0", server.address()));
     let joined = Some(config.bus.clone()).filter(|bus| !bus.is_empty());
     let fields = [("can", served), ("bus", joined)]
