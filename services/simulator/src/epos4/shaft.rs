@@ -157,8 +157,13 @@ impl Shaft {
         let error_qc_s = demand.speed_qc_s - self.speed_qc_s;
         let demand_stands = demand.speed_qc_s == 0.0 && demand.acceleration_qc_s2 == 0.0;
         if demand_stands && error_qc.abs() < SETTLED_QC && self.speed_qc_s.abs() < SETTLED_QC_S {
-            self.rotor_qc_s = 0.0;
-            self.current_ma = self.limit(mechanics.load_ma, limit_ma);
+            let holding_ma = self.limit(mechanics.load_ma, limit_ma);
+            if self.rotor_qc_s.abs() < SETTLED_QC_S {
+                (self.rotor_qc_s, self.current_ma) = (0.0, holding_ma);
+            } else {
+                // A frozen encoder hides that the rotor runs out.
+                self.turn(holding_ma, motor, mechanics, dt_s);
+            }
             return;
         }
         let acceleration_qc_s2 = demand.acceleration_qc_s2

@@ -75,7 +75,10 @@ async fn carry(mut member: Member, mut wire: Box<dyn CanBus>) -> Result<Infallib
             }
             heard = member.heard(), if refused.is_none() => {
                 let heard = heard.ok_or_else(|| Error::Closed("the interface takes too few frames".to_owned()))?;
-                refused = send(&mut wire, heard.frame)?;
+                // What a simulated controller reports concerns this end alone: the hosts beyond have their own.
+                if !matches!(heard.frame.id(), Id::Error(_)) {
+                    refused = send(&mut wire, heard.frame)?;
+                }
             }
         }
     }
