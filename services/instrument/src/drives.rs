@@ -222,6 +222,17 @@ impl Drives {
             Event::BusError { class } => {
                 tracing::warn!(class = format!("0x{class:X}"), "can bus error")
             }
+            Event::DuplicateNode { node_id, .. } => {
+                if let Some(axis) = self.axis_of(node_id) {
+                    let detail = format!("more than one node has the number {node_id}");
+                    let fault = Fault::new("DUPLICATE_NODE_ID", detail);
+                    findings.push(Finding::Fault(axis, fault));
+                }
+            }
+            Event::OtherMaster { sign } => {
+                tracing::warn!(?sign, "somebody else commands nodes of this bus")
+            }
+            Event::Pdo { .. } => {}
         }
         for finding in findings {
             match finding {

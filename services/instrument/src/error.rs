@@ -217,7 +217,9 @@ impl From<Refusal> for Status {
                     .map(|code| ("abort_code", format!("0x{:08X}", code.0)));
                 let metadata: Vec<_> = abort_code.into_iter().collect();
                 match error {
-                    network::Error::Failed { .. } | network::Error::Size { .. } => {
+                    network::Error::Failed { .. }
+                    | network::Error::Size { .. }
+                    | network::Error::ReadBack { .. } => {
                         status::refused(object_reason(&error), message, &metadata)
                     }
                     _ => status::unavailable(object_reason(&error), message, &metadata),
@@ -237,6 +239,8 @@ fn object_reason(error: &network::Error) -> &'static str {
         network::Error::Failed { .. } => "SDO_ABORTED",
         network::Error::Size { .. } => "SDO_WRONG_SIZE",
         network::Error::Busy { .. } => "SDO_BUSY",
+        network::Error::ReadBack { .. } => "SDO_READ_BACK",
+        network::Error::NotInState { .. } => "NMT_NO_TRANSITION",
         network::Error::Gone => "BUS_LOST",
     }
 }

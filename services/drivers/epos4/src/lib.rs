@@ -11,3 +11,8 @@ pub mod dictionary;
 pub mod frame;
 pub mod network;
 pub mod objects;
+
+/// The examples of the README, compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -8,7 +8,7 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use epos4_link::canopen::nmt;
-use epos4_link::network::{Event, Network};
+use epos4_link::network::{Event, Network, Options};
 use epos4_link::objects;
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
@@ -100,7 +100,13 @@ impl Session {
                 State::Connecting(connecting) => match connecting.await {
                     Ok(bus) => {
                         tracing::info!(bus = %self.cell.bus, "bus connected");
-                        let (network, nodes) = Network::new(bus, self.cell.sdo_timeout);
+                        let (network, nodes) = Network::new(
+                            bus,
+                            Options {
+                                sdo_timeout: self.cell.sdo_timeout,
+                                ..Options::default()
+                            },
+                        );
                         let axes = Axis::ALL.map(|axis| {
                             let node = nodes.node(self.cell.axes[axis.index()].spec.node_id);
                             LiveAxis::new(Link::new(

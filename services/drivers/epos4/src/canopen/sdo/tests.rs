@@ -174,7 +174,7 @@ fn carry_out(
         match transfer.on_response(answer)? {
             Step::Send(next) => request = next,
             Step::Done(data) => return Ok(data),
-            Step::Ignored => panic!("an own answer was ignored"),
+            step => panic!("{step:?} in answer to an own request"),
         }
     }
 }
