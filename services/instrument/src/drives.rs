@@ -17,7 +17,7 @@ use std::time::{Duration, SystemTime};
 use arthro_authority::{Begin, Leases, Operation, Operations, Outcome, REMEMBERED_OPERATIONS};
 use arthro_bootstrap::Drain;
 use epos4_link::bus::CanBus;
-use epos4_link::frame::Id;
+use epos4_link::frame::error::Class;
 use epos4_link::network::Event;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
@@ -215,13 +215,11 @@ impl Drives {
                     findings.extend(self.supervisor.on_emergency(axis, emergency));
                 }
             }
-            Event::BusError { class } if class & Id::ERROR_BUS_OFF != 0 => {
+            Event::BusError { report } if report.has(Class::BUS_OFF) => {
                 let fault = Fault::new("BUS_OFF", "the can controller went bus-off");
                 findings.extend(Axis::ALL.map(|axis| Finding::Fault(axis, fault.clone())));
             }
-            Event::BusError { class } => {
-                tracing::warn!(class = format!("0x{class:X}"), "can bus error")
-            }
+            Event::BusError { report } => tracing::warn!(%report, "can bus error"),
             Event::DuplicateNode { node_id, .. } => {
                 if let Some(axis) = self.axis_of(node_id) {
                     let detail = format!("more than one node has the number {node_id}");

@@ -24,7 +24,8 @@ use tokio::time::{Instant, sleep_until};
 use crate::bus::{self, CanBus};
 use crate::canopen::emcy::Emergency;
 use crate::canopen::{heartbeat, nmt, pdo, sdo, sync};
-use crate::frame::{Frame, Id, Stamped};
+use crate::frame::error::Report;
+use crate::frame::{Frame, Stamped};
 use crate::objects;
 
 pub use self::error::Error;
@@ -264,8 +265,8 @@ impl Network {
         self.now = stamp;
         self.heard_at = Instant::now();
         self.load.on_received(&frame, stamp);
-        if let Id::Error(class) = frame.id() {
-            self.events.push_back(Event::BusError { class });
+        if let Some(report) = Report::decode(&frame) {
+            self.events.push_back(Event::BusError { report });
             return Ok(());
         }
         if let Some((node_id, state)) = heartbeat::decode(&frame) {

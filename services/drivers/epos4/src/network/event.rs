@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::canopen::emcy::Emergency;
 use crate::canopen::{nmt, pdo};
+use crate::frame::error::Report;
 
 /// A report. Stamps are the time of the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -37,8 +38,8 @@ pub enum Event {
     },
     /// The controller reports an error of the bus.
     BusError {
-        /// Class bits of `linux/can/error.h`, e.g. [`Id::ERROR_BUS_OFF`](crate::frame::Id::ERROR_BUS_OFF).
-        class: u32,
+        /// What it says.
+        report: Report,
     },
     /// More than one node has this number.
     DuplicateNode {

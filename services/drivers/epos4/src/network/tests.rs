@@ -1,3 +1,4 @@
+mod fuzz;
 mod masters;
 mod process_data;
 
@@ -10,6 +11,7 @@ use crate::bus::in_process;
 use crate::canopen::object::{Address, Object};
 use crate::canopen::sdo::AbortCode;
 use crate::canopen::sdo::server::{Dictionary, Length, Server};
+use crate::frame::Id;
 use crate::objects;
 
 /// A network with one node that has a few objects.
@@ -229,7 +231,7 @@ async fn heartbeats_emergencies_and_bus_errors_are_reported() {
     assert_eq!(
         world.network.next_event().await,
         Ok(Event::BusError {
-            class: Id::ERROR_BUS_OFF
+            report: Report::decode(&bus_off).unwrap()
         })
     );
     assert_eq!(world.network.now(), Duration::from_millis(2));
