@@ -127,6 +127,24 @@ pub enum Failure {
         /// The function.
         function: u8,
     },
+    /// The drive changed, and its process data did not come.
+    #[error(
+        "the drive has statusword {statusword} and position {position_qc} qc and did not send it within {limit_s} s"
+    )]
+    StaleProcessData {
+        /// Asked for.
+        statusword: Statusword,
+        /// Asked for.
+        position_qc: i32,
+        /// The time it had, of the bus.
+        limit_s: f64,
+    },
+    /// Another drive answers than before.
+    #[error("another drive answers: {0}")]
+    WrongNode(String),
+    /// The drive did not become ready again.
+    #[error("the drive is not ready: {0}")]
+    NotReady(String),
     /// A fault came, of this axis or another.
     #[error("{axis}: {fault}")]
     Fault {
@@ -154,6 +172,9 @@ impl Failure {
             Self::DriveFault { code } => drive_reason(*code),
             Self::NoTransition { .. } => "DRIVE_NO_TRANSITION",
             Self::SwitchNotMapped { .. } => "HOMING_SWITCH_NOT_MAPPED",
+            Self::StaleProcessData { .. } => "STALE_PROCESS_DATA",
+            Self::WrongNode(_) => "WRONG_NODE",
+            Self::NotReady(_) => "AXIS_NOT_READY",
             Self::Fault { fault, .. } => fault.reason,
         }
     }
@@ -162,7 +183,7 @@ impl Failure {
     pub fn fault(&self) -> Option<Fault> {
         match self {
             Self::DriveFault { code } => Some(Fault::of_drive(*code)),
-            Self::SwitchNotMapped { .. } | Self::Fault { .. } => None,
+            Self::SwitchNotMapped { .. } | Self::NotReady(_) | Self::Fault { .. } => None,
             Self::Object(error) if error.abort_code().is_some() => None,
             failure => Some(Fault::new(failure.reason(), failure.to_string())),
         }
@@ -232,7 +253,8 @@ impl From<Refusal> for Status {
     }
 }
 
-fn object_reason(error: &network::Error) -> &'static str {
+/// The stable word for a request to a node that did not succeed.
+pub(crate) fn object_reason(error: &network::Error) -> &'static str {
     match error {
         network::Error::NoAnswer { .. } => "SDO_NO_ANSWER",
         network::Error::Restarted { .. } => "UNEXPECTED_BOOT_UP",
