@@ -22,7 +22,7 @@ use epos4_link::network::Event;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
-pub use self::board::{AxisState, Identity, Readiness, Snapshot};
+pub use self::board::{AxisState, BusCondition, BusState, Identity, Readiness, Snapshot, Vitals};
 pub use self::commands::{Authorization, Command, Report, Ticket};
 pub use self::handle::Handle;
 
@@ -54,8 +54,8 @@ pub struct Drives {
     supervisor: Supervisor,
     leases: Leases,
     operations: Operations,
-    /// The ends of bites, for as long as their operations are remembered.
-    bites: HashMap<String, crate::bite::BiteEnd>,
+    /// The last reports of operations that have ended, for as long as they are remembered.
+    ended: HashMap<String, Report>,
     running: Vec<Running>,
     stop_waiters: Vec<oneshot::Sender<Result<(), Refusal>>>,
     started: Instant,
@@ -89,7 +89,7 @@ impl Drives {
             supervisor: Supervisor::new(cell.heartbeat_timeout),
             leases: Leases::new(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)),
             operations: Operations::new(REMEMBERED_OPERATIONS),
-            bites: HashMap::new(),
+            ended: HashMap::new(),
             running: Vec::new(),
             stop_waiters: Vec::new(),
             started: Instant::now(),
@@ -150,6 +150,12 @@ impl Drives {
             );
             self.stop_motions("LEASE_LOST", &detail);
         }
+        // What was known of the jaw is held against its axis; once given up it does not come back.
+        let seen = self.board.snapshot().jaw;
+        if self.board.jaw(&self.cell) != seen {
+            tracing::warn!(?seen, "the jaw does not stand where it was left");
+            self.doubt_jaw();
+        }
     }
 
     fn on_stop(&mut self, why: &str, reply: oneshot::Sender<Result<(), Refusal>>) {
@@ -178,7 +184,13 @@ impl Drives {
             };
             self.finish(running, outcome, None);
         }
+        self.doubt_jaw();
         self.session.begin_stop();
+    }
+
+    /// After a stop or a fault nobody knows how the jaw stands, until it is opened or homed.
+    fn doubt_jaw(&self) {
+        self.board.update(|state| state.jaw = Jaw::Unknown);
     }
 
     fn on_step(&mut self, step: Step) {
@@ -253,14 +265,20 @@ impl Drives {
             tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
             self.board.update(|state| {
                 state.axes[axis.index()].fault = Some(fault.clone());
-                if axis == Axis::ForcepsFeed {
-                    state.jaw = Jaw::Unknown;
-                }
             });
+            self.doubt_jaw();
         }
         if is_new || !self.running.is_empty() {
+            // A limit switch that is pressed by hand is what commissioning waits for.
+            let (going_on, ended): (Vec<Running>, Vec<Running>) = std::mem::take(&mut self.running)
+                .into_iter()
+                .partition(|running| {
+                    fault.reason == "LIMIT_SWITCH"
+                        && matches!(&running.command, Command::CommissionSwitches { axis: own, .. } if *own == axis)
+                });
+            self.running = going_on;
             let failure = Failure::Fault { axis, fault };
-            for running in std::mem::take(&mut self.running) {
+            for running in ended {
                 let outcome = Outcome::Failed {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
@@ -315,7 +333,11 @@ impl Drives {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
                 };
-                self.finish(running, outcome, None);
+                let came_to = motion::Done {
+                    bite: failure.bite_end(),
+                    ..motion::Done::default()
+                };
+                self.finish(running, outcome, Some(came_to));
             }
         }
     }
@@ -344,12 +366,13 @@ impl Drives {
             return;
         };
         tracing::info!(operation = id, state = ?operation.state, reason = operation.reason, "operation ended");
-        if let Some(bite) = bite {
-            let operations = &self.operations;
-            self.bites.retain(|id, _| operations.get(id).is_some());
-            self.bites.insert(id, bite);
-        }
-        reports.send_replace(Report { operation, bite });
+        reports.send_modify(|report| {
+            report.operation = operation;
+            report.bite = bite;
+        });
+        let operations = &self.operations;
+        self.ended.retain(|id, _| operations.get(id).is_some());
+        self.ended.insert(id, reports.borrow().clone());
     }
 
     fn on_request(&mut self, request: Request) {
@@ -440,8 +463,8 @@ impl Drives {
         let reports = match running {
             Some(running) => running.reports.subscribe(),
             None => {
-                let bite = self.bites.get(&operation.id).copied();
-                watch::channel(Report { operation, bite }).1
+                let ended = self.ended.get(&operation.id).cloned();
+                watch::channel(ended.unwrap_or_else(|| Report::of(operation))).1
             }
         };
         Ticket {
@@ -459,6 +482,11 @@ impl Drives {
             && motion::is_reserved(*address)
         {
             return Err(Refusal::ObjectReserved(*address));
+        }
+        if let Command::CommissionSwitches { axis, .. } = command
+            && self.cell.axes[axis.index()].switches.is_empty()
+        {
+            return Err(Refusal::NoSwitches { axis: *axis });
         }
         let state = self.board.snapshot();
         for axis in command.axes() {
@@ -508,11 +536,8 @@ impl Drives {
                 state.jaw = Jaw::Moving;
             }
         });
-        let (reports, watcher) = watch::channel(Report {
-            operation,
-            bite: None,
-        });
-        let future = motion::carry_out(self.cell.clone(), command.clone(), links);
+        let (reports, watcher) = watch::channel(Report::of(operation));
+        let future = motion::carry_out(self.cell.clone(), command.clone(), links, reports.clone());
         self.running.push(Running {
             id: operation_id.to_owned(),
             command,

@@ -1,11 +1,14 @@
 //! What is known of the drives at this moment, for everybody to read.
 
+use std::time::Duration;
+
 use epos4_link::canopen::nmt;
 use epos4_link::cia402::Statusword;
 use tokio::sync::watch;
 
 use crate::axis::Axis;
 use crate::bite::Jaw;
+use crate::config::Cell;
 use crate::positioning::Sample;
 use crate::supervisor::Fault;
 
@@ -16,6 +19,50 @@ pub struct Snapshot {
     pub axes: [AxisState; 4],
     /// The jaw.
     pub jaw: Jaw,
+    /// The bus.
+    pub bus: BusState,
+}
+
+/// The bus.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct BusState {
+    /// How it does.
+    pub condition: BusCondition,
+    /// Why it is down.
+    pub detail: String,
+    /// Of this host's controller, where it tells them: transmit and receive.
+    pub error_counters: Option<[u32; 2]>,
+    /// The share of the bit rate that is used.
+    pub load: Option<f64>,
+    /// bit/s.
+    pub bit_rate: u32,
+    /// The newest time on its clock.
+    pub now: Duration,
+}
+
+/// How the bus does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum BusCondition {
+    /// Not connected.
+    #[default]
+    Down,
+    /// All is well.
+    Active,
+    /// Many errors.
+    ErrorPassive,
+    /// This host's controller has left it.
+    Off,
+}
+
+/// What is read of a drive now and then.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Vitals {
+    /// Object 0x3202:01: one of the two inputs has no voltage.
+    pub safe_torque_off: Option<bool>,
+    /// Object 0x3200:01.
+    pub i2t_motor_percent: Option<u16>,
+    /// Object 0x3200:02.
+    pub i2t_power_stage_percent: Option<u16>,
 }
 
 /// The state of one axis.
@@ -27,6 +74,8 @@ pub struct AxisState {
     pub identity: Option<Identity>,
     /// The newest measurement.
     pub sample: Option<Sample>,
+    /// What is read now and then.
+    pub vitals: Vitals,
     /// The newest NMT state.
     pub nmt_state: Option<nmt::State>,
     /// The latched fault.
@@ -80,6 +129,15 @@ pub(super) struct Board(watch::Sender<Snapshot>);
 impl Board {
     pub(super) fn snapshot(&self) -> Snapshot {
         self.0.borrow().clone()
+    }
+
+    /// The jaw as it was left, unless its axis contradicts.
+    pub(super) fn jaw(&self, cell: &Cell) -> Jaw {
+        let state = self.0.borrow();
+        let feed = Axis::ForcepsFeed.index();
+        let tolerance_mm = cell.axes[feed].spec.tolerance;
+        let sample = state.axes[feed].sample.as_ref();
+        state.jaw.held_against(&cell.bite, tolerance_mm, sample)
     }
 
     pub(super) fn subscribe(&self) -> watch::Receiver<Snapshot> {

@@ -81,11 +81,13 @@ impl Link {
         // must not be held for late by where it was before that.
         let position = self.node.read_stamped(objects::POSITION_ACTUAL).await?;
         let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
+        let inputs = self.node.read(objects::DIGITAL_INPUTS).await?;
         let statusword = self.node.read(objects::STATUSWORD).await?;
         let sample = Sample {
             statusword: Statusword(statusword),
             position: self.spec().drivetrain.to_position(position.value),
             current_ma: f64::from(current_ma),
+            inputs,
             stamp: position.stamp,
         };
         self.board

@@ -1,20 +1,16 @@
+mod bite;
 mod fake;
+mod requests;
+mod switches;
 
 use arthro_authority::OperationState;
-use arthro_proto::instrument::v1 as proto;
-use arthro_proto::instrument::v1::axis_position::Value as Position;
-use arthro_proto::instrument::v1::instrument_service_server::InstrumentService as _;
-use epos4_link::canopen::object::Address;
-use epos4_link::canopen::sdo::AbortCode;
 use epos4_link::cia402::State;
 use epos4_link::objects;
 use tokio::task::JoinHandle;
-use tonic::Code;
 
 use self::fake::FakeCell;
 use super::*;
 use crate::config::Config;
-use crate::server::Instrument;
 
 /// Node ids of the axes.
 const FORCEPS_ROTATION: usize = 1;
@@ -57,10 +53,11 @@ impl World {
     }
 
     fn start(cell: FakeCell) -> Self {
-        let config = Config {
+        let mut config = Config {
             sdo_timeout_s: 3.0,
             ..Config::default()
         };
+        config.bite.force_table = vec![[40.0, 0.0], [100.0, 15.0], [760.0, 270.0]];
         let bus = cell.clone();
         let connector = move || -> std::pin::Pin<Box<dyn Future<Output = Connected> + Send>> {
             let bus = bus.clone();
@@ -482,103 +479,6 @@ async fn a_statusword_that_no_standard_knows_is_a_fault() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_empty_jaw_closes_to_its_position() {
-    let mut world = World::homed().await;
-    let report = world
-        .run(Command::Bite {
-            current_limit_ma: 500.0,
-        })
-        .await;
-    let end = report.bite.unwrap();
-    assert_eq!((end.jaw, end.peak_current_ma), (Jaw::ClosedEmpty, 40.0));
-    assert!((end.position_mm - 10.0).abs() < 0.02);
-    assert_eq!(world.handle.snapshot().jaw, Jaw::ClosedEmpty);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn tissue_that_stops_the_jaw_ends_the_bite_at_the_current_limit_and_the_jaw_opens_again() {
-    let mut world = World::homed().await;
-    world.cell.change(FORCEPS_FEED, |drive| {
-        drive.obstacle_qc = Some(6.0 * QC_PER_MM)
-    });
-    let report = world
-        .run(Command::Bite {
-            current_limit_ma: 300.0,
-        })
-        .await;
-    let end = report.bite.unwrap();
-    assert_eq!((end.jaw, end.peak_current_ma), (Jaw::ClosedOnTissue, 300.0));
-    assert!((end.position_mm - 6.0).abs() < 0.01);
-    assert_eq!(
-        report.operation.detail,
-        "closed at 6.000 mm with a peak of 300 mA"
-    );
-    let opened = world.run(Command::OpenJaw).await;
-    assert_eq!(opened.operation.state, OperationState::Done, "{opened:?}");
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Open);
-    let drive = world.cell.drive(FORCEPS_FEED);
-    assert_eq!(
-        drive.get(objects::FOLLOWING_ERROR_WINDOW),
-        2_150,
-        "the window is that of moves again"
-    );
-    assert_eq!(drive.get(objects::OUTPUT_CURRENT_LIMIT), 800);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_that_is_stopped_leaves_the_jaw_unknown() {
-    let mut world = World::homed().await;
-    // The bite shall not end before it is stopped.
-    world.cell.set_micros_per_request(1);
-    let mut ticket = world
-        .begin(Command::Bite {
-            current_limit_ma: 500.0,
-        })
-        .await
-        .unwrap();
-    world
-        .cell
-        .until(FORCEPS_FEED, |drive| !drive.targets_qc.is_empty())
-        .await;
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Moving);
-    world.handle.stop("doubt".into()).await.unwrap();
-    assert_eq!(
-        ticket.ended().await.unwrap().operation.state,
-        OperationState::Stopped
-    );
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn objects_are_read_and_written_but_none_that_moves_the_drive() {
-    let mut world = World::ready().await;
-    let torque_constant = Address::new(0x3001, 5);
-    let write = |address| Command::Write {
-        axis: Axis::ForcepsFeed,
-        address,
-        data: vec![1, 2, 0, 0],
-    };
-    let written = world.run(write(torque_constant)).await;
-    assert_eq!(written.operation.state, OperationState::Done);
-    assert_eq!(
-        world.handle.read(Axis::ForcepsFeed, torque_constant).await,
-        Ok(vec![1, 2, 0, 0])
-    );
-    assert_eq!(
-        world.reason(write(objects::CONTROLWORD.address)).await,
-        "OBJECT_RESERVED"
-    );
-    let refused = world
-        .handle
-        .read(Axis::ForcepsFeed, Address::new(0x6072, 0))
-        .await
-        .unwrap_err();
-    assert!(
-        matches!(&refused, Refusal::Object(error) if error.abort_code() == Some(AbortCode::NO_OBJECT))
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_silent_bus_is_a_fault_of_every_axis_and_stop_says_that_it_cannot() {
     let world = World::homed().await;
     for node_id in 1..=4 {
@@ -622,126 +522,4 @@ async fn the_service_starts_without_a_bus_and_says_so() {
         Some("STOP_NOT_CONFIRMED")
     );
     owner.abort();
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn bad_requests_name_field_value_and_limit() {
-    let mut world = World::homed().await;
-    let server = Instrument::new(world.handle.clone(), Drain::never());
-    let mut authorization = || {
-        let Authorization {
-            fencing_token,
-            operation_id,
-        } = world.authorization();
-        Some(arthro_proto::common::v1::Authorization {
-            fencing_token,
-            operation_id,
-        })
-    };
-    let feed = proto::Axis::ForcepsFeed as i32;
-    let cases = [
-        (
-            feed,
-            Some(Position::FeedMm(14.5)),
-            "target: 14.5 mm is outside the travel of forceps_feed, -1 to 14 mm",
-        ),
-        (
-            feed,
-            Some(Position::FeedMm(f64::NAN)),
-            "target: NaN is not a position of forceps_feed",
-        ),
-        (
-            feed,
-            Some(Position::AngleDeg(5.0)),
-            "target: is angle_deg; forceps_feed takes feed_mm",
-        ),
-        (feed, None, "target: is missing; forceps_feed takes feed_mm"),
-        (
-            9,
-            Some(Position::FeedMm(5.0)),
-            "axis: is 9; there are axes 1 to 4",
-        ),
-        (
-            3,
-            Some(Position::AngleDeg(-46.0)),
-            "target: -46 deg is outside the travel of arthroscope_rotation, -45 to 180 deg",
-        ),
-    ];
-    for (axis, value, message) in cases {
-        let target = Some(proto::AxisPosition { value });
-        let request = proto::MoveAxisRequest {
-            authorization: authorization(),
-            axis,
-            target,
-        };
-        let status = server
-            .move_axis(tonic::Request::new(request))
-            .await
-            .unwrap_err();
-        assert_eq!(
-            (status.code(), status.message()),
-            (Code::InvalidArgument, message)
-        );
-        assert_eq!(arthro_bootstrap::status::violations(&status).len(), 1);
-    }
-    let bite = proto::BiteRequest {
-        authorization: authorization(),
-        current_limit_ma: 501.0,
-    };
-    let status = server.bite(tonic::Request::new(bite)).await.unwrap_err();
-    assert_eq!(
-        status.message(),
-        "current_limit_ma: is 501; must be within 1 to 500, or 0 for 500"
-    );
-    let unauthorized = proto::OpenJawRequest {
-        authorization: None,
-    };
-    let status = server
-        .open_jaw(tonic::Request::new(unauthorized))
-        .await
-        .unwrap_err();
-    assert_eq!(
-        arthro_bootstrap::status::violations(&status)[0].0,
-        "authorization"
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
-    use tokio_stream::StreamExt as _;
-    let mut world = World::homed().await;
-    let server = Instrument::new(world.handle.clone(), Drain::never());
-    let Authorization {
-        fencing_token,
-        operation_id,
-    } = world.authorization();
-    let authorization = Some(arthro_proto::common::v1::Authorization {
-        fencing_token,
-        operation_id,
-    });
-    let request = proto::BiteRequest {
-        authorization,
-        current_limit_ma: 0.0,
-    };
-    for repeated in [false, true] {
-        let stream = server
-            .bite(tonic::Request::new(request.clone()))
-            .await
-            .unwrap()
-            .into_inner();
-        let messages: Vec<_> = stream.map(Result::unwrap).collect().await;
-        let last = messages.last().unwrap();
-        let operation = last.operation.as_ref().unwrap();
-        assert_eq!(operation.repeated, repeated);
-        assert_eq!(
-            operation.state(),
-            arthro_proto::common::v1::OperationState::Done
-        );
-        assert_eq!(
-            (last.jaw(), last.peak_current_ma),
-            (proto::JawState::ClosedEmpty, 40.0)
-        );
-        assert!(!last.state.as_ref().unwrap().moving);
-    }
-    assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
 }

@@ -17,6 +17,11 @@ use epos4_link::frame::Frame;
 use epos4_link::objects;
 use tokio::sync::watch;
 
+/// Where the blades touch, 10 mm.
+const CLOSED_QC: f64 = 215_040.0;
+/// Blade on blade, 2000 mA/mm.
+const MA_PER_QC: f64 = 2000.0 / 21_504.0;
+
 /// The bus with its drives. Clones are the same.
 #[derive(Clone)]
 pub(super) struct FakeCell {
@@ -42,6 +47,8 @@ pub(super) struct Drive {
     pub(super) obstacle_qc: Option<f64>,
     /// What the motor draws while it moves, mA.
     pub(super) running_ma: i32,
+    /// The motor turns and the jaw does not close.
+    pub(super) belt_slips: bool,
     /// Neither answers nor sends.
     pub(super) dead: bool,
     /// Read instead of the true statusword.
@@ -177,6 +184,7 @@ impl Drive {
             controlword: 0,
             obstacle_qc: None,
             running_ma: 40,
+            belt_slips: false,
             dead: false,
             statusword: None,
             fault_persists: false,
@@ -191,7 +199,15 @@ impl Drive {
         drive.set(objects::PRODUCER_HEARTBEAT, 0);
         drive.set(objects::MODES_OF_OPERATION, 1);
         drive.set(objects::FOLLOWING_ERROR_WINDOW, 2000);
-        drive.set(objects::OUTPUT_CURRENT_LIMIT, 4500);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 800);
+        drive.set(objects::ENCODER_PULSES, 512);
+        drive.set(objects::GEAR_NUMERATOR, 21);
+        drive.set(objects::GEAR_DENOMINATOR, 1);
+        drive.set(objects::SUPPORTED_DRIVE_MODES, 0x3A5);
+        drive.set(objects::INPUT_POLARITY, if node_id == 2 { 1 } else { 0 });
+        // Every switch is free.
+        drive.set(objects::INPUT_LEVELS, if node_id == 2 { 1 } else { 0 });
+        drive.set(objects::STO_INPUTS, 3);
         for (input, function) in (1..).zip([0, 1, 2, 19, 255, 255, 255, 255]) {
             drive.set(objects::digital_input_function(input), function);
         }
@@ -314,7 +330,21 @@ impl Drive {
         word
     }
 
+    fn active_functions(&self) -> u32 {
+        let active = self.get(objects::INPUT_LEVELS) ^ self.get(objects::INPUT_POLARITY);
+        (1..=objects::INPUT_COUNT)
+            .filter(|input| active >> (input - 1) & 1 == 1)
+            .map(|input| self.get(objects::digital_input_function(input)))
+            .filter(|function| *function < 32)
+            .fold(0, |functions, function| functions | 1 << function)
+    }
+
     fn current_ma(&self) -> i32 {
+        // Blade on blade.
+        let beyond_qc = self.position_qc - CLOSED_QC;
+        if beyond_qc > 0.0 && self.node_id == 2 && !self.belt_slips {
+            return self.running_ma + (beyond_qc * MA_PER_QC) as i32;
+        }
         match self.target_qc {
             Some(_) if self.demand_qc != self.position_qc => {
                 self.get(objects::OUTPUT_CURRENT_LIMIT) as i32
@@ -337,6 +367,7 @@ impl Dictionary for Drive {
             (0x6064, 0) => (self.position_qc as i32).to_le_vec(),
             (0x606C, 0) => 0_i32.to_le_vec(),
             (0x30D1, 2) => self.current_ma().to_le_vec(),
+            (0x60FD, 0) => self.active_functions().to_le_vec(),
             _ => {
                 return self
                     .objects
