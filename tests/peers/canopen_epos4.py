@@ -1,7 +1,8 @@
-"""Drives simulated EPOS4 nodes with two foreign CANopen masters' code: python-can (socketcand) and python canopen.
+"""Drives simulated EPOS4 nodes with two foreign CANopen masters' code: python-can (socketcand, SocketCAN) and python canopen.
 
     pip install canopen==2.4.1 python-can==4.6.1
-    python canopen_epos4.py HOST PORT
+    python canopen_epos4.py socketcand://HOST:PORT/can0
+    python canopen_epos4.py socketcan:vcan0
 
 The other end is the CAN bus of the simulated cell, e.g. the simulator crate's example `epos4_bus`. It must have no other
 master: two clients of one SDO server hear each other's answers. Nodes 2 and 4 are the feeds, with a negative limit switch
@@ -12,6 +13,7 @@ Prints a PASS line for each check and exits 1 at the first that fails.
 
 import sys
 import time
+import urllib.parse
 
 import can
 import canopen
@@ -91,10 +93,19 @@ def wait_for(name, limit_s, condition):
     check(name, False, f"not within {limit_s} s")
 
 
-def main(host, port):
+def python_can_options(address):
+    """What python-can calls this bus."""
+    if address.startswith("socketcan:"):
+        return {"interface": "socketcan", "channel": address.removeprefix("socketcan:")}
+    url = urllib.parse.urlsplit(address)
+    return {"interface": "socketcand", "host": url.hostname, "port": url.port, "channel": url.path.removeprefix("/")}
+
+
+def main(address):
+    options = python_can_options(address)
     network = canopen.Network()
-    network.connect(interface="socketcand", host=host, port=port, channel="can0", tcp_tune=True)
-    listener = can.Bus(interface="socketcand", host=host, port=port, channel="can0")
+    network.connect(**options, **({"tcp_tune": True} if options["interface"] == "socketcand" else {}))
+    listener = can.Bus(**options)
     try:
         nodes = {node_id: BaseNode402(node_id, dictionary(node_id)) for node_id in NODES}
         for node in nodes.values():
@@ -273,6 +284,6 @@ def latency(node):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
+    if len(sys.argv) != 2:
         sys.exit(__doc__)
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1])

@@ -70,8 +70,7 @@ def cell(arthro):
     hosts = arm_hosts()
     process, described = simulator(arthro, hosts)
     try:
-        can_host, can_port = described["canAddress"].removeprefix("socketcand://").split("/")[0].split(":")
-        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", can_host, can_port]]
+        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", described["canAddress"]]]
         return len(clients), sum(run([client]) for client in clients)
     finally:
         process.stdin.close()

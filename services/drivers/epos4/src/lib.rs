@@ -8,6 +8,7 @@ pub mod bus;
 pub mod canopen;
 pub mod cia402;
 pub mod dictionary;
+pub mod eds;
 pub mod frame;
 pub mod network;
 pub mod objects;

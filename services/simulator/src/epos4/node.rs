@@ -71,6 +71,11 @@ impl NodeConfig {
             position_qc: 0.0,
             motor: Motor::default(),
             parameters: vec![
+                (objects::SENSORS_CONFIGURATION.address, 0x0000_0001),
+                (objects::CONTROL_STRUCTURE.address, 0x0001_1111),
+                (objects::COMMUTATION_SENSORS.address, 0),
+                (objects::MOTOR_TYPE.address, 1),
+                (objects::TORQUE_CONSTANT.address, 9_000),
                 (objects::ENCODER_PULSES.address, 512),
                 (objects::GEAR_NUMERATOR.address, 21),
                 (objects::GEAR_DENOMINATOR.address, 1),

@@ -7,7 +7,7 @@ objects! {
     /// CiA profile number 402 and the kind of drive.
     DEVICE_TYPE: u32 = 0x1000, 0, "device type", "", Rules::ro(0x0002_0192);
     /// Bits of the errors that are present.
-    ERROR_REGISTER: u8 = 0x1001, 0, "error register", "", Rules::ro(0).tx();
+    ERROR_REGISTER: u8 = 0x1001, 0, "error register", "", Rules::ro(0);
     /// How many errors are remembered; writing 0 clears them.
     ERROR_HISTORY_COUNT: u8 = 0x1003, 0, "number of errors", "", Rules::rw(0).one_of(&[0]);
     /// COB-ID of SYNC; this drive consumes it alone.

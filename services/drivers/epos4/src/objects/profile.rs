@@ -36,7 +36,7 @@ objects! {
     /// The largest lag behind the demand before error 0x8611; 0xFFFFFFFF is off.
     FOLLOWING_ERROR_WINDOW: u32 = 0x6065, 0, "following error window", "qc", Rules::rw(2000).rx();
     /// Fixed.
-    FOLLOWING_ERROR_TIMEOUT: u16 = 0x6066, 0, "following error timeout", "ms", Rules::rw(0).one_of(&[0]);
+    FOLLOWING_ERROR_TIMEOUT: u16 = 0x6066, 0, "following error timeout", "ms", Rules::rw(0).one_of(&[0]).rx();
     /// How near the target counts as reached; 0xFFFFFFFF is off: the end of the profile counts.
     POSITION_WINDOW: u32 = 0x6067, 0, "position window", "qc", Rules::rw(U32_MAX).rx();
     /// For how long.
@@ -54,9 +54,9 @@ objects! {
     /// Where the profile goes.
     TARGET_POSITION: i32 = 0x607A, 0, "target position", "qc", Rules::rw(0).rx();
     /// Fixed.
-    MIN_POSITION_RANGE: i32 = 0x607B, 1, "min position range limit", "qc", Rules::rw(0).one_of(&[0]);
+    MIN_POSITION_RANGE: i32 = 0x607B, 1, "min position range limit", "qc", Rules::rw(0).one_of(&[0]).rx();
     /// Fixed.
-    MAX_POSITION_RANGE: i32 = 0x607B, 2, "max position range limit", "qc", Rules::rw(0).one_of(&[0]);
+    MAX_POSITION_RANGE: i32 = 0x607B, 2, "max position range limit", "qc", Rules::rw(0).one_of(&[0]).rx();
     /// Software limit; with the upper one 0 too it is off.
     MIN_POSITION_LIMIT: i32 = 0x607D, 1, "min position limit", "qc", Rules::rw(0).rx();
     /// Software limit; with the lower one 0 too it is off.
@@ -74,7 +74,7 @@ objects! {
     /// Deceleration of a quick stop.
     QUICK_STOP_DECELERATION: u32 = 0x6085, 0, "quick stop deceleration", "rpm/s", Rules::rw(10_000).between(1, U32_MAX).rx();
     /// Only 0 is legal: a trapezoid.
-    MOTION_PROFILE_TYPE: i16 = 0x6086, 0, "motion profile type", "", Rules::rw(0).one_of(&[0]);
+    MOTION_PROFILE_TYPE: i16 = 0x6086, 0, "motion profile type", "", Rules::rw(0).one_of(&[0]).rx();
     /// How the home point is found.
     HOMING_METHOD: i8 = 0x6098, 0, "homing method", "", Rules::rw(7).one_of(HOMING_METHODS).rx();
     /// Speed of the search for a switch or stop.
@@ -84,11 +84,11 @@ objects! {
     /// Acceleration of homing.
     HOMING_ACCELERATION: u32 = 0x609A, 0, "homing acceleration", "rpm/s", Rules::rw(1000).between(1, U32_MAX).rx();
     /// Increments.
-    SI_UNIT_POSITION: u32 = 0x60A8, 0, "si unit position", "", Rules::ro(0x00B5_0000);
+    SI_UNIT_POSITION: u32 = 0x60A8, 0, "si unit position", "", Rules::rw(0x00B5_0000).one_of(&[0x00B5_0000]).power_off();
     /// rpm.
     SI_UNIT_VELOCITY: u32 = 0x60A9, 0, "si unit velocity", "", Rules::rw(0x00B4_4700).one_of(&[0x00B4_4700]).power_off();
     /// rpm/s.
-    SI_UNIT_ACCELERATION: u32 = 0x60AA, 0, "si unit acceleration", "", Rules::ro(0x00C0_0300);
+    SI_UNIT_ACCELERATION: u32 = 0x60AA, 0, "si unit acceleration", "", Rules::rw(0x00C0_0300).one_of(&[0x00C0_0300]).power_off();
     /// Added to the target of the cyclic position mode.
     POSITION_OFFSET: i32 = 0x60B0, 0, "position offset", "qc", Rules::rw(0).rx();
     /// Added to the target of the cyclic velocity mode.
@@ -96,9 +96,9 @@ objects! {
     /// Added to the target of the cyclic torque mode.
     TORQUE_OFFSET: i16 = 0x60B2, 0, "torque offset", "0.1 %", Rules::rw(0).rx();
     /// Between two targets of the cyclic modes, the period of SYNC; 0 takes each target at once.
-    INTERPOLATION_PERIOD: u8 = 0x60C2, 1, "interpolation time period value", "ms", Rules::rw(0).between(0, 100);
+    INTERPOLATION_PERIOD: u8 = 0x60C2, 1, "interpolation time period value", "ms", Rules::rw(0).between(0, 100).rx();
     /// Power of ten of its unit, s.
-    INTERPOLATION_INDEX: i8 = 0x60C2, 2, "interpolation time index", "", Rules::rw(-3).one_of(&[-3]);
+    INTERPOLATION_INDEX: i8 = 0x60C2, 2, "interpolation time index", "", Rules::rw(-3).one_of(&[-3]).rx();
     /// What no profile exceeds.
     MAX_ACCELERATION: u32 = 0x60C5, 0, "max acceleration", "rpm/s", Rules::rw(U32_MAX).between(1, U32_MAX).rx();
     /// As sensor 1 counts.
@@ -114,7 +114,7 @@ objects! {
     /// Of the velocity modes.
     TARGET_VELOCITY: i32 = 0x60FF, 0, "target velocity", "rpm", Rules::rw(0).rx();
     /// 1 DC with brushes, 10 sinus, 11 block commutated.
-    MOTOR_TYPE: u16 = 0x6402, 0, "motor type", "", Rules::rw(1).one_of(&[1, 10, 11]).power_off();
+    MOTOR_TYPE: u16 = 0x6402, 0, "motor type", "", Rules::rw(10).one_of(&[1, 10, 11]).power_off();
     /// Bits of the modes that the drive has.
-    SUPPORTED_DRIVE_MODES: u32 = 0x6502, 0, "supported drive modes", "", Rules::ro(0x0000_03A5);
+    SUPPORTED_DRIVE_MODES: u32 = 0x6502, 0, "supported drive modes", "", Rules::ro(0x0000_03A5).tx();
 }

@@ -1,0 +1,135 @@
+use super::*;
+use crate::canopen::object::Address;
+use crate::dictionary::{Kind, entry};
+
+/// The lines of one section.
+fn section(file: &str, name: &str) -> Vec<String> {
+    let heading = format!("[{name}]");
+    file.split("\r\n")
+        .skip_while(|line| *line != heading)
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+fn value(file: &str, name: &str, key: &str) -> Option<String> {
+    section(file, name)
+        .iter()
+        .find_map(|line| Some(line.strip_prefix(key)?.strip_prefix('=')?.to_owned()))
+}
+
+#[test]
+fn the_same_table_gives_the_same_bytes() {
+    assert_eq!(write(None), write(None));
+    assert_ne!(write(None), write(Some(3)));
+}
+
+#[test]
+fn an_object_is_written_as_cia_306_has_it() {
+    let file = write(None);
+    assert_eq!(
+        section(&file, "6065"),
+        [
+            "ParameterName=following error window",
+            "ObjectType=0x7",
+            "DataType=0x0007",
+            "AccessType=rww",
+            "DefaultValue=2000",
+            "PDOMapping=1",
+        ]
+    );
+    assert_eq!(
+        section(&file, "607D"),
+        [
+            "SubNumber=3",
+            "ParameterName=software position limit",
+            "ObjectType=0x8",
+        ]
+    );
+    assert_eq!(
+        section(&file, "6098"),
+        [
+            "ParameterName=homing method",
+            "ObjectType=0x7",
+            "DataType=0x0002",
+            "AccessType=rww",
+            "DefaultValue=7",
+            "LowLimit=-4",
+            "HighLimit=37",
+            "PDOMapping=1",
+        ]
+    );
+}
+
+#[test]
+fn the_node_id_is_left_to_the_reader_or_added() {
+    let cob_id = |file: &str| value(file, "1801sub1", "DefaultValue");
+    assert_eq!(cob_id(&write(None)), Some("$NODEID+0xC0000280".to_owned()));
+    assert_eq!(cob_id(&write(Some(3))), Some("0xC0000283".to_owned()));
+}
+
+#[test]
+fn every_object_is_described_once_and_listed_once() {
+    let file = write(None);
+    let headings = |name: &str| file.matches(&format!("[{name}]\r\n")).count();
+    for described in entries() {
+        let Address { index, subindex } = described.address;
+        let has_members = entry(Address::new(index, 1)).is_some();
+        let name = if has_members {
+            format!("{index:04X}sub{subindex:X}")
+        } else {
+            format!("{index:04X}")
+        };
+        assert_eq!(headings(&name), 1, "{name}");
+        let default = value(&file, &name, "DefaultValue");
+        assert!(default.is_some_and(|text| !text.is_empty()), "{name}");
+        let listed = format!("=0x{index:04X}\r\n");
+        assert_eq!(file.matches(&listed).count(), 1, "{listed}");
+    }
+    let listed: usize = ["Mandatory", "Optional", "Manufacturer"]
+        .iter()
+        .filter_map(|list| value(&file, &format!("{list}Objects"), "SupportedObjects"))
+        .filter_map(|count| count.parse::<usize>().ok())
+        .sum();
+    assert_eq!(listed, indices().len());
+}
+
+#[test]
+fn members_of_an_object_differ_in_name() {
+    let file = write(None);
+    for index in indices() {
+        let names: Vec<_> = record(index)
+            .iter()
+            .map(|member| format!("{index:04X}sub{:X}", member.address.subindex))
+            .map(|section| value(&file, &section, "ParameterName"))
+            .collect();
+        let mut distinct = names.clone();
+        distinct.sort();
+        distinct.dedup();
+        assert!(
+            names.len() == 1 || names.len() == distinct.len(),
+            "0x{index:04X}"
+        );
+        assert!(
+            !file.contains("ParameterName=object 0x"),
+            "an object without a name"
+        );
+    }
+}
+
+#[test]
+fn lines_are_short_ascii_with_carriage_return() {
+    let file = write(None);
+    assert!(file.is_ascii());
+    assert_eq!(file.matches('\n').count(), file.matches("\r\n").count());
+    assert!(file.lines().all(|line| line.len() <= 255));
+    assert_eq!(
+        value(&file, "1008", "DefaultValue"),
+        Some("EPOS4".to_owned())
+    );
+    assert!(matches!(
+        entry(Address::new(0x1008, 0)).map(|entry| entry.kind),
+        Some(Kind::Text("EPOS4"))
+    ));
+}
