@@ -345,6 +345,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
+
         /// Against whole numbers: leads and positions in um or 1e-3 degrees.
         #[test]
         fn a_conversion_is_right_to_one_quadcount_over_the_whole_travel(
@@ -373,6 +375,31 @@ mod tests {
             let counts = drivetrain.to_quadcounts(position as f64 / 1000.0);
             prop_assert!((i128::from(counts) - exact).abs() <= 1, "{} {}", counts, exact);
             prop_assert_eq!(drivetrain.to_quadcounts(drivetrain.to_position(counts)), counts);
+        }
+
+        /// Whatever is asked of an axis: what is accepted lies within the travel, and within the drive's own limits.
+        #[test]
+        fn no_target_beyond_the_travel_reaches_the_drive(
+            lowest in -400.0..400.0_f64,
+            span in 0.001..800.0_f64,
+            gear in ratios(),
+            reversed: bool,
+            asked in prop::collection::vec(prop_oneof![-1500.0..1500.0_f64, any::<f64>()], 20),
+        ) {
+            let mut spec = spec(Axis::ForcepsFeed);
+            spec.travel = Travel { lowest, highest: lowest + span };
+            spec.drivetrain.gear = gear;
+            spec.drivetrain.reversed = reversed;
+            let within = crate::check::position_limits(&spec);
+            let ends = [lowest, lowest + span].map(|end| spec.drivetrain.to_quadcounts(end));
+            let sent = asked
+                .iter()
+                .filter_map(|target| spec.check_target(*target).ok())
+                .map(|target| spec.drivetrain.to_quadcounts(target));
+            for target in sent {
+                prop_assert!((ends[0].min(ends[1])..=ends[0].max(ends[1])).contains(&target));
+                prop_assert!((within[0]..=within[1]).contains(&target));
+            }
         }
 
         #[test]

@@ -438,4 +438,6 @@ impl Watch {
 }
 
 #[cfg(test)]
+mod model_tests;
+#[cfg(test)]
 mod tests;

@@ -22,7 +22,7 @@ use epos4_link::network::Event;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
-pub use self::board::{AxisState, BusCondition, BusState, Identity, Readiness, Snapshot, Vitals};
+pub use self::board::{AxisState, BusCondition, BusState, I2t, Identity, Readiness, Snapshot};
 pub use self::commands::{Authorization, Command, Report, Ticket};
 pub use self::handle::Handle;
 

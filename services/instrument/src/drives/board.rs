@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use epos4_link::canopen::nmt;
 use epos4_link::cia402::Statusword;
+use epos4_link::frame::error::Counters;
 use tokio::sync::watch;
 
 use crate::axis::Axis;
@@ -21,48 +22,8 @@ pub struct Snapshot {
     pub jaw: Jaw,
     /// The bus.
     pub bus: BusState,
-}
-
-/// The bus.
-#[derive(Clone, PartialEq, Debug, Default)]
-pub struct BusState {
-    /// How it does.
-    pub condition: BusCondition,
-    /// Why it is down.
-    pub detail: String,
-    /// Of this host's controller, where it tells them: transmit and receive.
-    pub error_counters: Option<[u32; 2]>,
-    /// The share of the bit rate that is used.
-    pub load: Option<f64>,
-    /// bit/s.
-    pub bit_rate: u32,
-    /// The newest time on its clock.
+    /// The newest time of the bus, on which samples are dated.
     pub now: Duration,
-}
-
-/// How the bus does.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum BusCondition {
-    /// Not connected.
-    #[default]
-    Down,
-    /// All is well.
-    Active,
-    /// Many errors.
-    ErrorPassive,
-    /// This host's controller has left it.
-    Off,
-}
-
-/// What is read of a drive now and then.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Vitals {
-    /// Object 0x3202:01: one of the two inputs has no voltage.
-    pub safe_torque_off: Option<bool>,
-    /// Object 0x3200:01.
-    pub i2t_motor_percent: Option<u16>,
-    /// Object 0x3200:02.
-    pub i2t_power_stage_percent: Option<u16>,
 }
 
 /// The state of one axis.
@@ -74,16 +35,56 @@ pub struct AxisState {
     pub identity: Option<Identity>,
     /// The newest measurement.
     pub sample: Option<Sample>,
-    /// What is read now and then.
-    pub vitals: Vitals,
     /// The newest NMT state.
     pub nmt_state: Option<nmt::State>,
+    /// Whether safe torque off is active, once it was read.
+    pub safe_torque_off: Option<bool>,
+    /// How far the thermal models are used up, once it was read.
+    pub i2t: Option<I2t>,
     /// The latched fault.
     pub fault: Option<Fault>,
     /// The operation under way.
     pub operation_id: Option<String>,
     /// Whether that operation moves the axis.
     pub moving: bool,
+}
+
+/// Object 0x3200: at 100 % the drive limits its current to the nominal one.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct I2t {
+    /// Of the motor, percent.
+    pub motor_percent: u16,
+    /// Of the power stage, percent.
+    pub power_stage_percent: u16,
+}
+
+/// The bus of the drives.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct BusState {
+    /// Whether it can be used.
+    pub condition: BusCondition,
+    /// Why not, or what the controller reported last.
+    pub detail: String,
+    /// Of this host's controller, where it tells them.
+    pub counters: Option<Counters>,
+    /// The share of the last second in which the bus was taken at most, 0 to 1 and more.
+    pub load: f64,
+    /// Bits a second, as configured.
+    pub bit_rate: u32,
+}
+
+/// Whether a bus can be used.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum BusCondition {
+    /// Not connected.
+    #[default]
+    Down,
+    /// Connected, and its controller takes part.
+    Active,
+    /// Connected, with many errors.
+    ErrorPassive,
+    /// Its controller has left the bus; it comes back when an operator recovers an axis.
+    Off,
 }
 
 /// Whether a drive can be commanded.
@@ -111,6 +112,14 @@ pub struct Identity {
 impl Default for Readiness {
     fn default() -> Self {
         Self::NotReady("the bus is not connected".to_owned())
+    }
+}
+
+impl Snapshot {
+    /// How old the newest measurement of an axis is, on the clock of the bus.
+    pub fn age(&self, axis: Axis) -> Option<Duration> {
+        let sample = self.axes[axis.index()].sample?;
+        Some(self.now.saturating_sub(sample.stamp))
     }
 }
 

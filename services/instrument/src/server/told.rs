@@ -76,9 +76,9 @@ fn bus(cell: &Cell, bus: &BusState) -> proto::BusState {
         address: cell.bus.to_string(),
         condition: condition.into(),
         detail: bus.detail.clone(),
-        transmit_errors: bus.error_counters.map(|[transmit, _]| transmit),
-        receive_errors: bus.error_counters.map(|[_, receive]| receive),
-        load_percent: bus.load.map(|load| 100.0 * load),
+        transmit_errors: bus.counters.map(|counters| counters.transmit.into()),
+        receive_errors: bus.counters.map(|counters| counters.receive.into()),
+        load_percent: 100.0 * bus.load,
         bit_rate: bus.bit_rate,
     }
 }
@@ -93,8 +93,6 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
         (None, Readiness::NotReady(why)) => ("AXIS_NOT_READY".to_owned(), why.clone()),
         (None, Readiness::Ready) => Default::default(),
     };
-    let vitals = &state.vitals;
-    let age = sample.map(|sample| snapshot.bus.now.saturating_sub(sample.stamp));
     proto::AxisState {
         axis: axis_number(axis),
         position: sample.map(|sample| position(axis, sample.position)),
@@ -111,12 +109,12 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
         operation_id: state.operation_id.clone().unwrap_or_default(),
         error_code: 0,
         operator_response: String::new(),
-        safe_torque_off: vitals.safe_torque_off,
+        safe_torque_off: state.safe_torque_off,
         internal_limit: statusword.has(Statusword::INTERNAL_LIMIT),
-        i2t_motor_percent: vitals.i2t_motor_percent.map(f64::from),
-        i2t_power_stage_percent: vitals.i2t_power_stage_percent.map(f64::from),
+        i2t_motor_percent: state.i2t.map(|i2t| i2t.motor_percent.into()),
+        i2t_power_stage_percent: state.i2t.map(|i2t| i2t.power_stage_percent.into()),
         switches: switch_states(&cell.axes[axis.index()], sample.as_ref()),
-        age_s: age.map(|age| age.as_secs_f64()),
+        age_s: snapshot.age(axis).map(|age| age.as_secs_f64()),
     }
 }
 
