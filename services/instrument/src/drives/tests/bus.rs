@@ -104,13 +104,13 @@ async fn another_drive_in_the_place_of_one_is_not_commanded_before_a_person_has_
         })
         .await;
     assert_eq!(world.fault(Axis::ForcepsFeed), "UNEXPECTED_BOOT_UP");
-    let home = Command::Home(vec![Axis::ForcepsFeed]);
-    assert_eq!(world.reason(home).await, "AXIS_NOT_READY");
     world
         .handle
         .stop("quick stop is over".into())
         .await
         .unwrap();
+    let home = Command::Home(vec![Axis::ForcepsFeed]);
+    assert_eq!(world.reason(home).await, "AXIS_NOT_READY");
     assert_eq!(world.recover_all().await, OperationState::Done);
     let identity = world.handle.snapshot().axes[1].identity.unwrap();
     assert_eq!(identity.serial_number, 4711);
