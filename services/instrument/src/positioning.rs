@@ -15,9 +15,9 @@ pub struct Sample {
     pub position: f64,
     /// Object 0x30D1:02.
     pub current_ma: f64,
-    /// Object 0x60FD: bit n is function n of object 0x3142.
+    /// Object 0x60FD: what the drive takes for active, by function.
     pub inputs: u32,
-    /// When the position was read, on the clock of the bus.
+    /// When statusword and position were on the bus, on its clock.
     pub stamp: Duration,
 }
 

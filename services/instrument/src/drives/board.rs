@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use epos4_link::canopen::nmt;
-use epos4_link::cia402::Statusword;
+use epos4_link::cia402::{State, Statusword};
 use epos4_link::frame::error::Counters;
 use tokio::sync::watch;
 
@@ -13,7 +13,9 @@ use crate::config::Cell;
 use crate::positioning::Sample;
 use crate::supervisor::Fault;
 
-/// The state of all axes and of the jaw.
+pub use epos4_link::network::Identity;
+
+/// The state of all axes, of the jaw and of the bus.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Snapshot {
     /// In the order of [`Axis::ALL`].
@@ -93,25 +95,20 @@ pub enum Readiness {
     /// Identified, set up, and watched.
     Ready,
     /// Not, and why.
-    NotReady(String),
-}
-
-/// Object 0x1018.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Identity {
-    /// Subindex 1.
-    pub vendor_id: u32,
-    /// Subindex 2.
-    pub product_code: u32,
-    /// Subindex 3.
-    pub revision: u32,
-    /// Subindex 4.
-    pub serial_number: u32,
+    NotReady {
+        /// A stable SCREAMING_SNAKE word.
+        reason: &'static str,
+        /// What was found.
+        detail: String,
+    },
 }
 
 impl Default for Readiness {
     fn default() -> Self {
-        Self::NotReady("the bus is not connected".to_owned())
+        Self::NotReady {
+            reason: "BUS_LOST",
+            detail: "the bus is not connected".to_owned(),
+        }
     }
 }
 
@@ -160,6 +157,19 @@ impl Board {
     pub(super) fn update_axis(&self, axis: Axis, change: impl FnOnce(&mut AxisState)) {
         self.0
             .send_modify(|snapshot| change(&mut snapshot.axes[axis.index()]));
+    }
+
+    pub(super) fn identity(&self, axis: Axis) -> Option<Identity> {
+        self.0.borrow().axes[axis.index()].identity
+    }
+
+    pub(super) fn fault(&self, axis: Axis) -> Option<Fault> {
+        self.0.borrow().axes[axis.index()].fault.clone()
+    }
+
+    pub(super) fn drive_state(&self, axis: Axis) -> Option<State> {
+        let state = self.0.borrow();
+        state.axes[axis.index()].sample?.statusword.state()
     }
 
     pub(super) fn is_ready(&self, axis: Axis) -> bool {

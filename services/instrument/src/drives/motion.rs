@@ -156,7 +156,7 @@ fn told(end: &BiteEnd) -> String {
 
 /// Asks the drive itself, now: what was last seen of it may be old.
 async fn referenced(link: &Link) -> Result<Sample, Failure> {
-    let sample = link.sample().await?;
+    let sample = link.ask().await?;
     if sample.statusword.has(Statusword::REFERENCED) {
         Ok(sample)
     } else {

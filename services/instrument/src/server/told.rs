@@ -90,7 +90,7 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
     let drive_state = sample.and_then(|sample| sample.statusword.state());
     let (fault_reason, fault_detail) = match (&state.fault, &state.readiness) {
         (Some(fault), _) => (fault.reason.to_owned(), fault.detail.clone()),
-        (None, Readiness::NotReady(why)) => ("AXIS_NOT_READY".to_owned(), why.clone()),
+        (None, Readiness::NotReady { detail, .. }) => ("AXIS_NOT_READY".to_owned(), detail.clone()),
         (None, Readiness::Ready) => Default::default(),
     };
     proto::AxisState {
@@ -107,8 +107,16 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
         fault_reason,
         fault_detail,
         operation_id: state.operation_id.clone().unwrap_or_default(),
-        error_code: 0,
-        operator_response: String::new(),
+        error_code: state
+            .fault
+            .as_ref()
+            .and_then(|fault| fault.code)
+            .unwrap_or_default()
+            .into(),
+        operator_response: state
+            .fault
+            .as_ref()
+            .map_or_else(String::new, |fault| fault.response.to_owned()),
         safe_torque_off: state.safe_torque_off,
         internal_limit: statusword.has(Statusword::INTERNAL_LIMIT),
         i2t_motor_percent: state.i2t.map(|i2t| i2t.motor_percent.into()),
@@ -142,7 +150,7 @@ pub(super) fn description(
     let identity = state.identity.unwrap_or_default();
     let (not_ready_reason, not_ready_detail) = match &state.readiness {
         Readiness::Ready => Default::default(),
-        Readiness::NotReady(why) => ("AXIS_NOT_READY".to_owned(), why.clone()),
+        Readiness::NotReady { reason, detail } => ((*reason).to_owned(), detail.clone()),
     };
     proto::AxisDescription {
         axis: axis_number(spec.axis),

@@ -117,7 +117,7 @@ async fn a_belt_that_slips_is_a_fault_and_no_closed_jaw() {
 async fn a_bite_that_is_stopped_leaves_the_jaw_unknown() {
     let mut world = World::homed().await;
     // The bite shall not end before it is stopped.
-    world.cell.set_micros_per_request(1);
+    world.cell.hold_time();
     let mut ticket = world
         .begin(Command::Bite {
             current_limit_ma: 500.0,
