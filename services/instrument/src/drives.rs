@@ -555,12 +555,13 @@ impl Drives {
     }
 
     fn begin(&mut self, operation_id: &str, command: Command) -> Result<Ticket, Refusal> {
-        let links = self.links(&command)?;
         let operation = self
             .operations
             .get(operation_id)
             .cloned()
             .ok_or(Refusal::ShuttingDown)?;
+        let (reports, watcher) = watch::channel(Report::of(operation));
+        let work = self.work(&command, reports.clone())?;
         tracing::info!(operation = operation_id, ?command, "operation begins");
         self.board.update(|state| {
             for axis in command.axes() {
@@ -572,13 +573,11 @@ impl Drives {
                 state.jaw = Jaw::Moving;
             }
         });
-        let (reports, watcher) = watch::channel(Report::of(operation));
-        let future = self.work(&command, links, reports.clone());
         self.running.push(Running {
             id: operation_id.to_owned(),
             command,
             reports,
-            future,
+            future: work,
         });
         Ok(Ticket {
             reports: watcher,
@@ -586,30 +585,20 @@ impl Drives {
         })
     }
 
-    fn work(
-        &mut self,
-        command: &Command,
-        links: Vec<Link>,
-        reports: watch::Sender<Report>,
-    ) -> Work {
+    fn work(&mut self, command: &Command, reports: watch::Sender<Report>) -> Result<Work, Refusal> {
         let cell = self.cell.clone();
-        let Command::Recover(axes) = command else {
-            return motion::carry_out(cell, command.clone(), links, reports);
-        };
-        self.prepare_recovery(axes);
-        let (links, board, command) = (self.session.links(), self.board.clone(), command.clone());
-        Box::pin(async move {
-            let links = links.ready(&board, command.axes()).await?;
-            motion::carry_out(cell, command, links, reports).await
-        })
-    }
-
-    /// The ways to the drives of a command. A recovery waits for its drives.
-    fn links(&self, command: &Command) -> Result<Vec<Link>, Refusal> {
-        match command {
-            Command::Recover(_) => Ok(Vec::new()),
-            command => command.axes().iter().map(|axis| self.link(*axis)).collect(),
+        if let Command::Recover(axes) = command {
+            self.prepare_recovery(axes);
+            let (links, board) = (self.session.links(), self.board.clone());
+            let command = command.clone();
+            return Ok(Box::pin(async move {
+                let links = links.ready(&board, command.axes()).await?;
+                motion::carry_out(cell, command, links, reports).await
+            }));
         }
+        let links = command.axes().iter().map(|axis| self.link(*axis));
+        let links = links.collect::<Result<Vec<Link>, Refusal>>()?;
+        Ok(motion::carry_out(cell, command.clone(), links, reports))
     }
 
     /// A person has seen the faults: a bus that was left is joined again, and a drive that is another is accepted.

@@ -270,7 +270,7 @@ mod tests {
     proptest! {
         #[test]
         fn contact_is_found_within_a_tenth_of_a_millimetre(
-            at_mm in 1.5..7.5_f64,
+            at_mm in 1.65..7.5_f64,
             stiffness_ma_per_mm in 80.0..4000.0_f64,
             first_look_s in 0.0..0.01_f64,
             friction_ma in 10.0..75.0_f64,

@@ -24,12 +24,15 @@ pub(super) async fn commission(
     power_off(link).await?;
     let mut commissioning = Commissioning::new(&link.settings().switches, timeout);
     loop {
-        let levels = link.node().read_stamped(objects::INPUT_LEVELS).await?;
+        let sample = link.ask().await?;
+        if let Some(state) = sample.statusword.state().filter(|state| has_power(*state)) {
+            return Err(Failure::PowerCameOn { state });
+        }
         let inputs = Inputs {
-            levels: levels.value,
-            functions: link.node().read(objects::DIGITAL_INPUTS).await?,
+            levels: link.node().read(objects::INPUT_LEVELS).await?,
+            functions: sample.inputs,
         };
-        let over = commissioning.observe(&inputs, levels.stamp);
+        let over = commissioning.observe(&inputs, sample.stamp);
         let switches = commissioning.switches();
         reports.send_if_modified(|report| {
             let is_new = report.switches != switches;
@@ -41,7 +44,6 @@ pub(super) async fn commission(
         if over {
             break;
         }
-        power_stays_off(link).await?;
     }
     match commissioning.first_failure() {
         Some((switch, error)) => Err(Failure::Switch { switch, error }),
@@ -67,14 +69,6 @@ async fn power_off(link: &Link) -> Result<(), Failure> {
             Some(_) => return Ok(()),
             None => return Err(Failure::UnknownStatusword(sample.statusword)),
         }
-    }
-}
-
-async fn power_stays_off(link: &Link) -> Result<(), Failure> {
-    let statusword = link.ask().await?.statusword;
-    match statusword.state() {
-        Some(state) if has_power(state) => Err(Failure::PowerCameOn { state }),
-        _ => Ok(()),
     }
 }
 

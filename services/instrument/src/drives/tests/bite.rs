@@ -177,3 +177,61 @@ async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
     }
     assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
 }
+
+/// Whatever is commanded in whatever order, with whatever between the blades.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn random_commands_send_no_target_beyond_the_travel_and_never_tell_a_false_jaw() {
+    let mut world = World::homed().await;
+    // Numerical Recipes' generator: every run is the same.
+    let mut seed = 6_u32;
+    let mut random = |below: u32| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (u64::from(seed) * u64::from(below) >> 32) as u32
+    };
+    let (mut closed, mut refused) = (0, 0);
+    for _ in 0..200 {
+        let obstacle_qc = f64::from(random(140)) / 10.0 * QC_PER_MM;
+        let is_free = random(2) == 0;
+        world.cell.change(FORCEPS_FEED, |drive| {
+            let is_ahead = drive.position_qc < obstacle_qc;
+            drive.obstacle_qc = (!is_free && is_ahead).then_some(obstacle_qc);
+        });
+        let command = match random(6) {
+            0 => Command::Home(vec![Axis::ForcepsFeed]),
+            1 => Command::Move {
+                axis: Axis::ForcepsFeed,
+                target: f64::from(random(151)) / 10.0 - 1.0,
+            },
+            2 | 3 => Command::OpenJaw,
+            _ => Command::Bite {
+                current_limit_ma: 150.0 + f64::from(random(350)),
+            },
+        };
+        let Ok(mut ticket) = world.begin(command).await else {
+            refused += 1;
+            world.handle.stop("wait".into()).await.unwrap();
+            world.run(Command::Recover(Axis::ALL.to_vec())).await;
+            continue;
+        };
+        if random(8) == 0 {
+            world.handle.stop("at random".into()).await.unwrap();
+        }
+        ticket.ended().await.unwrap();
+        let told = world.handle.snapshot().jaw;
+        let at_mm = world.cell.drive(FORCEPS_FEED).position_qc / QC_PER_MM;
+        match told {
+            Jaw::ClosedEmpty | Jaw::ClosedOnTissue => {
+                closed += 1;
+                assert!(at_mm >= 9.68, "{told:?} at {at_mm} mm");
+            }
+            Jaw::Open => assert!(at_mm <= 0.02, "open at {at_mm} mm"),
+            Jaw::Moving => panic!("nothing moves any more"),
+            Jaw::Unknown => {}
+        }
+    }
+    assert!(closed > 5 && refused > 5, "{closed} {refused}");
+    for target_qc in world.cell.drive(FORCEPS_FEED).targets_qc {
+        let target_mm = f64::from(target_qc) / QC_PER_MM;
+        assert!((-1.0001..=14.0001).contains(&target_mm), "{target_mm}");
+    }
+}

@@ -291,21 +291,12 @@ impl Drive {
         };
         drive.set(objects::SERIAL_NUMBER, 1000 + u32::from(node_id));
         drive.set(objects::MAIN_SENSOR_RESOLUTION, 2048);
-        drive.set(objects::PRODUCER_HEARTBEAT, 0);
-        drive.set(objects::MODES_OF_OPERATION, 1);
-        drive.set(objects::FOLLOWING_ERROR_WINDOW, 2000);
-        drive.set(objects::OUTPUT_CURRENT_LIMIT, 800);
         drive.set(objects::ENCODER_PULSES, 512);
         drive.set(objects::GEAR_NUMERATOR, 21);
-        drive.set(objects::GEAR_DENOMINATOR, 1);
-        drive.set(objects::SUPPORTED_DRIVE_MODES, 0x3A5);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 800);
         drive.set(objects::INPUT_POLARITY, if node_id == 2 { 1 } else { 0 });
         // Every switch is free.
         drive.set(objects::INPUT_LEVELS, if node_id == 2 { 1 } else { 0 });
-        drive.set(objects::STO_INPUTS, 3);
-        for (input, function) in (1..).zip([0, 1, 2, 19, 255, 255, 255, 255]) {
-            drive.set(objects::digital_input_function(input), function);
-        }
         drive
     }
 
