@@ -92,6 +92,7 @@ def conformance(report, network, nodes):
     """Everything, from what needs nothing to what needs all before."""
     rotation, _, arthroscope_rotation, feed = nodes.values()
     report.run("data sheet", objects.data_sheet, arthroscope_rotation.object_dictionary)
+    report.run("node scan", networking.restart_all, network, nodes)
     report.run("node scan", networking.scan, network, nodes)
     report.run("network management", networking.states, arthroscope_rotation)
     report.run("objects read", objects.reads, arthroscope_rotation)

@@ -11,6 +11,16 @@ HOST = 127
 PDO_OFF = 0x80000000
 
 
+def restart_all(report, network, nodes):
+    """One command for all, whatever a client before has left."""
+    started = set()
+    for node_id, node in nodes.items():
+        node.nmt.add_heartbeat_callback(lambda state, node_id=node_id: state == 0 and started.add(node_id))
+    network.nmt.send_command(0x81)
+    wait_for("boot-up of all", 5, lambda: len(started) == len(nodes))
+    report.check("a reset for all restarts all", True)
+
+
 def scan(report, network, nodes):
     """Who is there."""
     network.scanner.reset()
@@ -131,6 +141,7 @@ def synchronous(report, network, node):
         node.sdo[0x1400 + pdo][1].raw |= PDO_OFF
     node.tpdo[1].trans_type = 1
     node.tpdo[1].save()
+    node.rpdo_pointers.clear()  # it keeps what it found in a receive pdo that is off now
     node.setup_402_state_machine()
     report.check(f"node {node.id} sends its statusword on sync", node.sdo[0x1800][2].raw == 1)
     node.nmt.state = "OPERATIONAL"
