@@ -1,11 +1,12 @@
-//! Serves the four drives of the cell on a socketcand port, in real time, for foreign CANopen masters to try: a bus
-//! bears one master, and here is none yet.
+//! Serves the four drives of the cell on a socketcand port or puts them on a bus that is there, in real time, for
+//! foreign CANopen masters to try: a bus bears one master, and here is none yet.
 //!
 //! ```text
 //! cargo run --release -p arthro-simulator --example epos4_bus -- 127.0.0.1:0
+//! cargo run --release -p arthro-simulator --example epos4_bus -- --bus socketcan:can0
 //! ```
 //!
-//! Prints `socketcand://host:port/can0` and ends when its standard input is closed.
+//! Prints the address of the bus and ends when its standard input is closed or the bus is lost.
 
 use std::error::Error;
 use std::net::SocketAddr;
@@ -13,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use arthro_simulator::cell::axes;
-use arthro_simulator::epos4::{Bus, socketcand};
+use arthro_simulator::epos4::{Bus, socketcand, wire};
 use tokio::io::AsyncReadExt;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
@@ -21,20 +22,37 @@ const STEP: Duration = Duration::from_millis(2);
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
-    let bind: SocketAddr = std::env::args()
-        .nth(1)
-        .as_deref()
-        .unwrap_or("127.0.0.1:0")
-        .parse()?;
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
     let bus = Bus::new(axes::drives());
-    let server = socketcand::serve(bind, Arc::clone(&bus)).await?;
-    println!("socketcand://{}/can0", server.address());
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["--bus", address] => {
+            let mut wire = wire::join(&bus, address).await?;
+            println!("{address}");
+            tokio::select! {
+                () = until_stdin_closes(&bus) => Ok(()),
+                error = wire.ended() => Err(error.into()),
+            }
+        }
+        [] | [_] => {
+            let bind: SocketAddr = arguments
+                .first()
+                .map_or("127.0.0.1:0", String::as_str)
+                .parse()?;
+            let server = socketcand::serve(bind, Arc::clone(&bus)).await?;
+            println!("socketcand://{}/can0", server.address());
+            until_stdin_closes(&bus).await;
+            Ok(())
+        }
+        _ => Err("usage: epos4_bus [LISTEN | --bus ADDRESS]".into()),
+    }
+}
+
+async fn until_stdin_closes(bus: &Bus) {
     let mut stdin = tokio::io::stdin();
     tokio::select! {
-        () = run(&bus) => {}
+        () = run(bus) => {}
         _ = stdin.read_u8() => {}
     }
-    Ok(())
 }
 
 /// The bus's clock follows the wall clock. Nothing is between the jaws.

@@ -1,8 +1,8 @@
 //! Simulated maxon EPOS4 drives on a CAN bus: a [`Node`] answers as the real drive does, frame by frame, and turns a
-//! shaft with friction, load and hard stops; [`Drives`] are all of one bus; [`Bus`] and [`socketcand`] put them on a
-//! wire that foreign CANopen masters speak.
+//! shaft with friction, load and hard stops; [`Drives`] are all of one bus; [`Bus`], [`socketcand`] and [`wire`] put them
+//! on a wire that foreign CANopen masters speak.
 //!
-//! All but the last two are pure: time comes in as seconds of the cell's clock.
+//! All but the last three are pure: time comes in as seconds of the cell's clock.
 
 pub mod bus;
 mod drive;
@@ -19,6 +19,7 @@ mod positioning;
 mod shaft;
 pub mod socketcand;
 mod trajectory;
+pub mod wire;
 
 pub use bus::Bus;
 pub use drives::Drives;

@@ -9,19 +9,21 @@ use std::fmt;
 use std::future::poll_fn;
 use std::str::FromStr;
 use std::task::{Context, Poll};
-
-use tokio::sync::mpsc;
+use std::time::Duration;
 
 use crate::frame::{Frame, Stamped};
 
 /// A CAN bus as one of its participants sees it: what the others send is received in the order in which it was on the
 /// bus, own frames are not.
 pub trait CanBus: Send {
-    /// Puts a frame into the send queue. Does not wait: a queue that is full means that the bus does not take frames,
-    /// and is an error.
+    /// Sends a frame, or puts it behind those that wait. Does not wait itself: a queue that is full means that the bus
+    /// does not take frames, and is an error.
     fn send(&mut self, frame: Frame) -> Result<(), Error>;
 
     /// The next frame of the others. An error is final: the connection is gone.
+    ///
+    /// Also carries what [`CanBus::send`] could not do at once; ask again after sending, for what is answered at once
+    /// need not wake anybody.
     fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>>;
 }
 
@@ -30,6 +32,10 @@ impl dyn CanBus {
     pub async fn receive(&mut self) -> Result<Stamped, Error> {
         poll_fn(|context| self.poll_receive(context)).await
     }
+}
+
+impl Error {
+    const SERVER_CLOSED: &str = "the server closed it";
 }
 
 /// Why a bus cannot be reached or used.
@@ -61,9 +67,15 @@ pub enum Error {
         /// What was answered instead.
         detail: String,
     },
-    /// The bus does not take frames.
-    #[error("the send queue of {SEND_QUEUE_LEN} frames is full, the bus does not take frames")]
+    /// The bus does not take frames: nobody acknowledges them, or the controller is bus-off.
+    #[error(
+        "the bus takes no frames, {SEND_QUEUE_LEN} wait or one has waited {} ms: nobody acknowledges, or the controller is bus-off",
+        SEND_PATIENCE.as_millis()
+    )]
     QueueFull,
+    /// A report of the controller is no frame of a node.
+    #[error("{0:?} is an error frame, which a controller reports and nobody sends")]
+    NotSendable(Frame),
     /// The connection broke.
     #[error("the connection to the bus is gone: {0}")]
     Closed(String),
@@ -71,6 +83,8 @@ pub enum Error {
 
 /// How many frames wait for the bus at most.
 pub const SEND_QUEUE_LEN: usize = 64;
+/// How long frames wait for an interface that takes none. Then the bus is given up: a command must not come late.
+pub const SEND_PATIENCE: Duration = Duration::from_millis(100);
 /// How many received frames wait for the reader at most.
 const RECEIVE_QUEUE_LEN: usize = 1024;
 
@@ -166,48 +180,6 @@ pub async fn connect(address: &str) -> Result<Box<dyn CanBus>, Error> {
         Address::Socketcand { host, port, bus } => {
             Ok(Box::new(socketcand::open(&host, port, &bus).await?))
         }
-    }
-}
-
-/// The near end of a connection that a task of its own carries.
-#[derive(Debug)]
-pub struct Queued {
-    outgoing: mpsc::Sender<Frame>,
-    incoming: mpsc::Receiver<Result<Stamped, Error>>,
-}
-
-/// The far end, for the task.
-struct Carrier {
-    outgoing: mpsc::Receiver<Frame>,
-    incoming: mpsc::Sender<Result<Stamped, Error>>,
-}
-
-fn queues() -> (Queued, Carrier) {
-    let (outgoing, take_outgoing) = mpsc::channel(SEND_QUEUE_LEN);
-    let (give_incoming, incoming) = mpsc::channel(RECEIVE_QUEUE_LEN);
-    (
-        Queued { outgoing, incoming },
-        Carrier {
-            outgoing: take_outgoing,
-            incoming: give_incoming,
-        },
-    )
-}
-
-impl CanBus for Queued {
-    fn send(&mut self, frame: Frame) -> Result<(), Error> {
-        self.outgoing
-            .try_send(frame)
-            .map_err(|refused| match refused {
-                mpsc::error::TrySendError::Full(_) => Error::QueueFull,
-                mpsc::error::TrySendError::Closed(_) => Error::Closed("it was closed".to_owned()),
-            })
-    }
-
-    fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
-        let received = self.incoming.poll_recv(context);
-        received
-            .map(|frame| frame.unwrap_or_else(|| Err(Error::Closed("it was closed".to_owned()))))
     }
 }
 

@@ -1,7 +1,12 @@
 //! A classic CAN frame, and a frame with the time at which it was on the bus.
 
+pub mod candump;
+pub mod error;
+
 use std::fmt;
 use std::time::Duration;
+
+use self::error::Class;
 
 /// The longest payload of a classic CAN frame, bytes.
 pub const MAX_DATA_LEN: usize = 8;
@@ -83,7 +88,8 @@ pub enum Id {
     Standard(u16),
     /// 29 bits.
     Extended(u32),
-    /// Not a frame of a node but a report of the controller: the error class bits of `linux/can/error.h`.
+    /// Not a frame of a node but a report of the controller: the error class bits of `linux/can/error.h`, see
+    /// [`error::Report`].
     Error(u32),
 }
 
@@ -93,7 +99,9 @@ impl Id {
     /// The highest 29-bit identifier, and the mask of the error class bits.
     pub const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
     /// Error class bit: the controller went bus-off.
-    pub const ERROR_BUS_OFF: u32 = 0x40;
+    pub const ERROR_BUS_OFF: u32 = Class::BUS_OFF;
+    /// What the kernel sets in the identifier of an error frame, CAN_ERR_FLAG of `linux/can.h`.
+    pub const ERROR_FLAG: u32 = 0x2000_0000;
 
     /// An 11-bit identifier; higher bits are cut off.
     pub const fn standard(id: u16) -> Self {
@@ -112,7 +120,7 @@ impl fmt::Display for Id {
         match self {
             Self::Standard(id) => write!(f, "{id:03X}"),
             Self::Extended(id) => write!(f, "{id:08X}"),
-            Self::Error(class) => write!(f, "{:08X}", 0x2000_0000 | class),
+            Self::Error(class) => write!(f, "{:08X}", Self::ERROR_FLAG | class),
         }
     }
 }

@@ -1,9 +1,12 @@
 //! The bus with its drives and everybody else on it: puts frames in one order and carries the cell's time.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
+use std::future::poll_fn;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
+use epos4_link::bus::{CanBus, Error};
 use epos4_link::frame::{Frame, Stamped};
 use tokio::sync::mpsc;
 
@@ -21,6 +24,8 @@ pub struct Bus {
 pub struct Member {
     sender: Sender,
     heard: mpsc::Receiver<Stamped>,
+    /// What comes before that: taken over by the last [`CanBus::send`], with the answers to it.
+    earlier: VecDeque<Stamped>,
 }
 
 /// The sending side of a member.
@@ -100,6 +105,7 @@ impl Bus {
                 number,
             },
             heard,
+            earlier: VecDeque::new(),
         }
     }
 
@@ -110,9 +116,13 @@ impl Bus {
 }
 
 impl Wire {
+    fn stamp(&self) -> Duration {
+        Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
+    }
+
     /// Shows frames to every member but their sender.
     fn publish(&mut self, frames: &[Frame], sender: Option<u64>) {
-        let stamp = Duration::try_from_secs_f64(self.now_s).unwrap_or_default();
+        let stamp = self.stamp();
         self.members.retain(|number, member| {
             let others = frames.iter().filter(|_| sender != Some(*number));
             let kept = others
@@ -153,13 +163,44 @@ impl Member {
 
     /// The next frame that somebody else sent; none when this member was put off the bus.
     pub async fn heard(&mut self) -> Option<Stamped> {
-        self.heard.recv().await
+        poll_fn(|context| self.poll_receive(context)).await.ok()
+    }
+}
+
+impl CanBus for Member {
+    /// As [`Sender::send`], but the answers are there when this returns and wake nobody: who sends asks for them next.
+    fn send(&mut self, frame: Frame) -> Result<(), Error> {
+        let number = self.sender.number;
+        let mut wire = self.sender.bus.wire();
+        // Nobody publishes meanwhile: the order on the wire is kept.
+        while let Ok(heard) = self.heard.try_recv() {
+            self.earlier.push_back(heard);
+        }
+        if self.earlier.len() >= UNREAD_MAX || !wire.members.contains_key(&number) {
+            wire.members.remove(&number);
+            return Err(put_off());
+        }
+        wire.publish(&[frame], Some(number));
+        let now_s = wire.now_s;
+        let answers = wire.drives.on_frame(&frame, now_s);
+        wire.publish(&answers, Some(number));
+        let stamp = wire.stamp();
+        let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
+        self.earlier.extend(answers);
+        Ok(())
     }
 
-    /// The next frame if there is one already.
-    pub fn try_heard(&mut self) -> Option<Stamped> {
-        self.heard.try_recv().ok()
+    fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        if let Some(heard) = self.earlier.pop_front() {
+            return Poll::Ready(Ok(heard));
+        }
+        let heard = self.heard.poll_recv(context);
+        heard.map(|heard| heard.ok_or_else(put_off))
     }
+}
+
+fn put_off() -> Error {
+    Error::Closed("too slow to read the bus, and put off it".to_owned())
 }
 
 impl Drop for Member {

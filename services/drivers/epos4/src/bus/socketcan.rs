@@ -1,87 +1,195 @@
-//! A CAN interface of this machine through the Linux kernel. Frames carry the kernel's receive stamp.
+//! A CAN interface of this machine through the Linux kernel. Frames carry the kernel's receive stamp, and what the
+//! controller reports comes among them as error frames.
+//!
+//! The socket has no task of its own: a frame goes to the kernel as it is sent, and the socket is read when the bus is
+//! asked for a frame. What the kernel does not take at once waits, in order, and is tried again for a moment.
 
+pub mod netlink;
+
+use std::collections::VecDeque;
 use std::io;
+use std::pin::Pin;
+use std::task::{Context, Poll, ready};
 use std::time::{Duration, SystemTime};
 
-use socketcan::tokio::CanSocket;
-use socketcan::{CanFrame, EmbeddedFrame, Frame as _, SocketOptions};
-use tokio::sync::mpsc;
+use socketcan::{CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket, SocketOptions};
+use tokio::io::unix::AsyncFd;
+use tokio::time::{Instant, Sleep, sleep};
 
-use super::{Address, Error, Queued, queues};
+use super::{Address, CanBus, Error, SEND_PATIENCE, SEND_QUEUE_LEN};
 use crate::frame::{Frame, Id, Stamped};
 
-/// "No buffer space available": the interface's own queue is full, because nobody acknowledges or the bus is off.
-const ENOBUFS: i32 = 105;
-/// How long a full interface is waited for, a millisecond a try.
-const ENOBUFS_TRIES: u32 = 100;
+/// What waits is tried again after this: the time of some eight frames at 1 Mbit/s, which is most of the queue that
+/// an interface has by default. A full interface does not tell when it has room again.
+const RETRY: Duration = Duration::from_millis(1);
+/// Bytes of received frames that the kernel keeps for us, some thousand frames, where its limit allows.
+const RECEIVE_BUFFER: usize = 1 << 20;
+
+/// A participant of the bus of an interface.
+#[derive(Debug)]
+pub struct Interface {
+    name: String,
+    socket: AsyncFd<CanSocket>,
+    unsent: Unsent,
+    ended: Option<Error>,
+}
+
+/// Frames that the kernel has not taken.
+#[derive(Debug)]
+struct Unsent {
+    frames: VecDeque<Frame>,
+    retry: Pin<Box<Sleep>>,
+    /// When the first of them began to wait.
+    since: Instant,
+}
 
 /// Opens an interface such as `can0`, which must be up.
-pub fn open(interface: &str) -> Result<Queued, Error> {
-    let unreachable = |error: io::Error| Error::Unreachable {
+pub fn open(interface: &str) -> Result<Interface, Error> {
+    let opened = || -> io::Result<AsyncFd<CanSocket>> {
+        let socket = CanSocket::open(interface)?;
+        socket.set_nonblocking(true)?;
+        socket.set_recv_timestamp(true)?;
+        socket.set_error_filter_accept_all()?;
+        socket
+            .as_raw_socket()
+            .set_recv_buffer_size(RECEIVE_BUFFER)?;
+        // An interface that is down is opened all the same, and tells so only here.
+        match socket.as_raw_socket().take_error()? {
+            Some(error) => Err(error),
+            None => watch(socket),
+        }
+    };
+    let socket = opened().map_err(|error| Error::Unreachable {
         address: Address::SocketCan {
             interface: interface.to_owned(),
         },
-        detail: error.to_string(),
-    };
-    let socket = CanSocket::open(interface).map_err(unreachable)?;
-    socket.set_recv_timestamp(true).map_err(unreachable)?;
-    socket.set_error_filter_accept_all().map_err(unreachable)?;
-    let (near, mut far) = queues();
-    tokio::spawn(async move {
-        let why = tokio::select! {
-            error = forward_incoming(&socket, &far.incoming) => error,
-            error = forward_outgoing(&mut far.outgoing, &socket) => error,
-        };
-        // Nobody listens any more when the near end is dropped.
-        far.incoming.send(Err(why)).await.ok();
-    });
-    Ok(near)
+        detail: detail(&error),
+    })?;
+    Ok(Interface {
+        name: interface.to_owned(),
+        socket,
+        unsent: Unsent {
+            frames: VecDeque::new(),
+            retry: Box::pin(sleep(Duration::ZERO)),
+            since: Instant::now(),
+        },
+        ended: None,
+    })
 }
 
-async fn forward_incoming(
-    socket: &CanSocket,
-    frames: &mpsc::Sender<Result<Stamped, Error>>,
-) -> Error {
-    loop {
-        let (frame, received_at) = match socket.read_frame_with_timestamp().await {
-            Ok(received) => received,
-            Err(error) => return Error::Closed(error.to_string()),
-        };
-        let Some(frame) = from_kernel(&frame) else {
-            continue;
-        };
-        let stamp = received_at
-            .duration_since(SystemTime::UNIX_EPOCH)
-            .unwrap_or_default();
-        if frames.send(Ok(Stamped { frame, stamp })).await.is_err() {
-            return Error::Closed("it was closed from here".to_owned());
+/// What tokio has instead of this is an `unsafe fn`, for types whose descriptor may change or close while it is watched.
+/// The socket owns its descriptor and gives it to nobody.
+#[expect(
+    deprecated,
+    reason = "the other way is unsafe, and this type needs none of it"
+)]
+fn watch(socket: CanSocket) -> io::Result<AsyncFd<CanSocket>> {
+    AsyncFd::new(socket)
+}
+
+impl Interface {
+    /// Whether the kernel took the frame.
+    fn write(&self, frame: &Frame) -> Result<bool, Error> {
+        let frame = to_kernel(frame).ok_or(Error::NotSendable(*frame))?;
+        match self.socket.get_ref().write_frame(&frame) {
+            Ok(()) => Ok(true),
+            Err(error) if is_full(&error) => Ok(false),
+            Err(error) => Err(self.closed(&error)),
         }
     }
-}
 
-async fn forward_outgoing(frames: &mut mpsc::Receiver<Frame>, socket: &CanSocket) -> Error {
-    while let Some(frame) = frames.recv().await {
-        // An error frame is a report and cannot be sent.
-        let Some(frame) = to_kernel(&frame) else {
-            continue;
-        };
-        if let Err(error) = write(socket, frame).await {
-            return Error::Closed(error.to_string());
-        }
-    }
-    Error::Closed("it was closed from here".to_owned())
-}
-
-async fn write(socket: &CanSocket, frame: CanFrame) -> io::Result<()> {
-    let mut tries = 0;
-    loop {
-        match socket.write_frame(frame).await {
-            Err(error) if error.raw_os_error() == Some(ENOBUFS) && tries < ENOBUFS_TRIES => {
-                tries += 1;
-                tokio::time::sleep(Duration::from_millis(1)).await;
+    /// Tries what waits again; ready when that failed for good.
+    fn poll_unsent(&mut self, context: &mut Context<'_>) -> Poll<Error> {
+        while let Some(frame) = self.unsent.frames.front() {
+            ready!(self.unsent.retry.as_mut().poll(context));
+            match self.write(frame) {
+                Ok(true) => {
+                    self.unsent.frames.pop_front();
+                    self.unsent.since = Instant::now();
+                }
+                Ok(false) if self.unsent.since.elapsed() > SEND_PATIENCE => {
+                    return Poll::Ready(Error::QueueFull);
+                }
+                Ok(false) => self.unsent.retry.as_mut().reset(Instant::now() + RETRY),
+                Err(error) => return Poll::Ready(error),
             }
-            written => return written,
         }
+        Poll::Pending
+    }
+
+    fn poll_frame(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        loop {
+            let mut readable = ready!(self.socket.poll_read_ready(context))
+                .map_err(|error| self.closed(&error))?;
+            let read = readable.try_io(|socket| socket.get_ref().read_frame_with_timestamp());
+            let Ok(read) = read else { continue };
+            let (frame, received_at) = read.map_err(|error| self.closed(&error))?;
+            let Some(frame) = from_kernel(&frame) else {
+                continue;
+            };
+            let stamp = received_at
+                .duration_since(SystemTime::UNIX_EPOCH)
+                .unwrap_or_default();
+            return Poll::Ready(Ok(Stamped { frame, stamp }));
+        }
+    }
+
+    fn closed(&self, error: &io::Error) -> Error {
+        Error::Closed(format!("{}: {}", self.name, detail(error)))
+    }
+}
+
+impl CanBus for Interface {
+    fn send(&mut self, frame: Frame) -> Result<(), Error> {
+        if let Some(error) = &self.ended {
+            return Err(error.clone());
+        }
+        if self.unsent.frames.is_empty() {
+            if self.write(&frame)? {
+                return Ok(());
+            }
+            self.unsent.since = Instant::now();
+            self.unsent.retry.as_mut().reset(Instant::now() + RETRY);
+        }
+        if self.unsent.frames.len() >= SEND_QUEUE_LEN {
+            return Err(Error::QueueFull);
+        }
+        self.unsent.frames.push_back(frame);
+        Ok(())
+    }
+
+    fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        if let Some(error) = &self.ended {
+            return Poll::Ready(Err(error.clone()));
+        }
+        // What was received comes first: it may tell why nothing can be sent.
+        let received = match self.poll_frame(context) {
+            Poll::Pending => Err(ready!(self.poll_unsent(context))),
+            Poll::Ready(received) => received,
+        };
+        if let Err(error) = &received {
+            self.ended = Some(error.clone());
+        }
+        Poll::Ready(received)
+    }
+}
+
+// Errors of `errno.h`, which are the same on all of Linux but MIPS, SPARC and others that no EPOS master is made of.
+const ENODEV: i32 = 19;
+const ENETDOWN: i32 = 100;
+/// The interface's own queue is full, because nobody acknowledges or the bus is off.
+const ENOBUFS: i32 = 105;
+
+/// Whether the kernel cannot take a frame now.
+fn is_full(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::WouldBlock || error.raw_os_error() == Some(ENOBUFS)
+}
+
+fn detail(error: &io::Error) -> String {
+    match error.raw_os_error() {
+        Some(ENETDOWN) => "the interface is down, bring it up with ip link set up".to_owned(),
+        Some(ENODEV) => "there is no such interface, or not any more".to_owned(),
+        _ => error.to_string(),
     }
 }
 
@@ -91,11 +199,12 @@ fn from_kernel(frame: &CanFrame) -> Option<Frame> {
             Frame::new(Id::extended(data.raw_id()), data.data())
         }
         CanFrame::Data(data) => Frame::new(Id::standard(data.raw_id() as u16), data.data()),
-        CanFrame::Error(error) => Frame::new(Id::Error(error.error_bits()), &[]),
+        CanFrame::Error(error) => Frame::new(Id::Error(error.error_bits()), error.data()),
         CanFrame::Remote(_) => None,
     }
 }
 
+/// None for an error frame, which is a report and cannot be sent.
 fn to_kernel(frame: &Frame) -> Option<CanFrame> {
     let id: socketcan::Id = match frame.id() {
         Id::Standard(id) => socketcan::StandardId::new(id)?.into(),
@@ -107,7 +216,10 @@ fn to_kernel(frame: &Frame) -> Option<CanFrame> {
 
 #[cfg(test)]
 mod tests {
+    use socketcan::CanErrorFrame;
+
     use super::*;
+    use crate::frame::error::{ControllerState, Report};
 
     #[test]
     fn frames_survive_the_kernels_form() {
@@ -119,6 +231,28 @@ mod tests {
         }
         let extended = Frame::new(Id::extended(0x12345), &[9; 8]).unwrap();
         assert_eq!(from_kernel(&to_kernel(&extended).unwrap()), Some(extended));
+    }
+
+    #[test]
+    fn error_frames_keep_their_details_and_are_not_sent() {
+        let kernels = CanErrorFrame::new_error(0x204, &[0, 0x20, 0, 0, 0, 0, 130, 7]).unwrap();
+        let frame = from_kernel(&CanFrame::Error(kernels)).unwrap();
+        let report = Report::decode(&frame).unwrap();
+        assert_eq!(report.state(), Some(ControllerState::ErrorPassive));
+        assert_eq!(
+            report.counters().map(|counters| counters.transmit),
+            Some(130)
+        );
+        assert_eq!(to_kernel(&frame).map(|_| ()), None);
+    }
+
+    #[test]
+    fn a_full_or_absent_interface_is_told_from_others() {
+        assert!(is_full(&io::Error::from_raw_os_error(ENOBUFS)));
+        assert!(is_full(&io::ErrorKind::WouldBlock.into()));
+        assert!(!is_full(&io::Error::from_raw_os_error(ENETDOWN)));
+        assert!(detail(&io::Error::from_raw_os_error(ENETDOWN)).contains("is down"));
+        assert!(detail(&io::Error::from_raw_os_error(ENODEV)).contains("no such interface"));
     }
 
     #[tokio::test]

@@ -1,26 +1,33 @@
 //! A bus behind linux-can's `socketcand`, or whatever speaks its protocol: one TCP connection in raw mode.
+//!
+//! The connection has no task of its own: a frame goes to the socket as it is sent, and the socket is read when the bus
+//! is asked for a frame, many frames at once.
 
+mod outbox;
+pub mod server;
 pub mod text;
 
-use std::collections::VecDeque;
 use std::io;
+use std::pin::Pin;
+use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
 use tokio::net::TcpStream;
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::sync::mpsc;
 use tokio::time::timeout;
 
+use self::outbox::Outbox;
 use self::text::{Reply, Request, Splitter};
-use super::{Address, Error, Queued, queues};
-use crate::frame::{Frame, Stamped};
+use super::{Address, CanBus, Error, SEND_QUEUE_LEN};
+use crate::frame::{Frame, Id, Stamped};
 
 /// How long connecting and opening may take together.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
+/// What the waiting frames take at most: `< send 1FFFFFFF 8 ff ff ff ff ff ff ff ff >` is the longest.
+const UNSENT_MAX: usize = SEND_QUEUE_LEN * 43;
 
 /// Connects, opens the bus and asks for its frames.
-pub async fn open(host: &str, port: u16, bus: &str) -> Result<Queued, Error> {
+pub async fn open(host: &str, port: u16, bus: &str) -> Result<Client, Error> {
     let address = Address::Socketcand {
         host: host.to_owned(),
         port,
@@ -30,144 +37,134 @@ pub async fn open(host: &str, port: u16, bus: &str) -> Result<Queued, Error> {
         address: address.clone(),
         detail: format!("no answer within {} s", OPEN_TIMEOUT.as_secs()),
     };
-    let mut connection = timeout(OPEN_TIMEOUT, Connection::open(&address))
+    timeout(OPEN_TIMEOUT, Client::open(host, port, bus, &address))
         .await
-        .map_err(too_slow)??;
-    let (near, mut far) = queues();
-    tokio::spawn(async move {
-        // Both directions go on at once: a server that waits for its frames to be read must not keep ours from going.
-        let why = tokio::select! {
-            error = connection.reader.forward(&far.incoming) => error,
-            error = forward_outgoing(&mut far.outgoing, &mut connection.writer) => error,
-        };
-        // Nobody listens any more when the near end is dropped.
-        far.incoming.send(Err(why)).await.ok();
-    });
-    Ok(near)
+        .map_err(too_slow)?
 }
 
-struct Connection {
-    reader: Reader,
-    writer: OwnedWriteHalf,
+/// A participant of the bus. What the socket does not take at once is sent when the bus is next asked for a frame.
+#[derive(Debug)]
+pub struct Client {
+    stream: TcpStream,
+    received: Splitter,
+    unsent: Outbox,
+    ended: Option<Error>,
 }
 
-impl Connection {
-    async fn open(address: &Address) -> Result<Self, Error> {
-        let Address::Socketcand { host, port, bus } = address else {
-            return Err(Error::BadAddress {
-                address: address.to_string(),
-                problem: "not a socketcand address",
-            });
-        };
+impl Client {
+    async fn open(host: &str, port: u16, bus: &str, address: &Address) -> Result<Self, Error> {
         let unreachable = |error: io::Error| Error::Unreachable {
             address: address.clone(),
             detail: error.to_string(),
         };
-        let stream = TcpStream::connect((host.as_str(), *port))
+        let stream = TcpStream::connect((host, port))
             .await
             .map_err(unreachable)?;
         stream.set_nodelay(true).map_err(unreachable)?;
-        let (read, mut writer) = stream.into_split();
-        let mut reader = Reader {
-            stream: read,
-            splitter: Splitter::default(),
-            replies: VecDeque::new(),
+        let mut client = Self {
+            stream,
+            received: Splitter::default(),
+            unsent: Outbox::default(),
+            ended: None,
         };
-        reader.expect(&Reply::Hi, address).await?;
-        for request in [Request::Open(bus.clone()), Request::RawMode] {
-            writer
+        client.expect(&Reply::Hi, address).await?;
+        for request in [Request::Open(bus.to_owned()), Request::RawMode] {
+            client
+                .stream
                 .write_all(request.to_string().as_bytes())
                 .await
                 .map_err(unreachable)?;
-            reader.expect(&Reply::Ok, address).await?;
+            client.expect(&Reply::Ok, address).await?;
         }
-        Ok(Self { reader, writer })
-    }
-}
-
-async fn forward_outgoing(
-    frames: &mut mpsc::Receiver<Frame>,
-    writer: &mut OwnedWriteHalf,
-) -> Error {
-    while let Some(frame) = frames.recv().await {
-        let message = Request::Send(frame).to_string();
-        if let Err(error) = writer.write_all(message.as_bytes()).await {
-            return closed(&error);
-        }
-    }
-    Error::Closed("it was closed from here".to_owned())
-}
-
-/// Reads replies, however the segments fall.
-struct Reader {
-    stream: OwnedReadHalf,
-    splitter: Splitter,
-    replies: VecDeque<Reply>,
-}
-
-impl Reader {
-    async fn next(&mut self) -> Result<Reply, Error> {
-        loop {
-            if let Some(reply) = self.replies.pop_front() {
-                return Ok(reply);
-            }
-            let mut segment = [0; 4096];
-            let len = self
-                .stream
-                .read(&mut segment)
-                .await
-                .map_err(|error| closed(&error))?;
-            if len == 0 {
-                return Err(Error::Closed("the server closed it".to_owned()));
-            }
-            for message in self
-                .splitter
-                .push(&segment[..len])
-                .map_err(|error| closed(&error))?
-            {
-                self.replies
-                    .push_back(Reply::parse(&message).map_err(|error| closed(&error))?);
-            }
-        }
+        Ok(client)
     }
 
     /// Waits for an answer of the handshake; frames that come before it are nobody's yet.
     async fn expect(&mut self, expected: &Reply, address: &Address) -> Result<(), Error> {
+        let refused = |detail: String| Error::Handshake {
+            address: address.clone(),
+            detail,
+        };
         loop {
-            match self.next().await {
-                Ok(reply) if reply == *expected => return Ok(()),
-                Ok(Reply::Frame(_)) => {}
-                Ok(other) => {
-                    return Err(Error::Handshake {
-                        address: address.clone(),
-                        detail: other.to_string(),
-                    });
+            while let Some(reply) = self
+                .take_reply()
+                .map_err(|error| refused(error.to_string()))?
+            {
+                match reply {
+                    Reply::Frame(_) => {}
+                    reply if reply == *expected => return Ok(()),
+                    other => return Err(refused(other.to_string())),
                 }
-                Err(error) => {
-                    return Err(Error::Handshake {
-                        address: address.clone(),
-                        detail: error.to_string(),
-                    });
-                }
+            }
+            let read = self.stream.read(self.received.space()).await;
+            match read {
+                Ok(0) => return Err(refused(Error::SERVER_CLOSED.to_owned())),
+                Ok(len) => self.received.filled(len),
+                Err(error) => return Err(refused(error.to_string())),
             }
         }
     }
 
-    async fn forward(&mut self, frames: &mpsc::Sender<Result<Stamped, Error>>) -> Error {
-        loop {
-            match self.next().await {
-                Ok(Reply::Frame(frame)) => {
-                    if frames.send(Ok(frame)).await.is_err() {
-                        return Error::Closed("it was closed from here".to_owned());
-                    }
-                }
-                Ok(Reply::Error(words)) => {
-                    return Error::Closed(format!("the server refused: {words}"));
-                }
-                Ok(Reply::Hi | Reply::Ok | Reply::Echo) => {}
-                Err(error) => return error,
-            }
+    /// The next reply of those that were read already.
+    fn take_reply(&mut self) -> Result<Option<Reply>, text::ParseError> {
+        let message = self.received.next_message()?;
+        message.map(Reply::parse).transpose()
+    }
+
+    fn poll_frame(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        // A server that waits for its frames to be read must not keep ours from going, nor the other way round.
+        if let Poll::Ready(Err(error)) = self.unsent.poll_flush(&mut self.stream, context) {
+            return Poll::Ready(Err(closed(&error)));
         }
+        loop {
+            while let Some(reply) = self.take_reply().map_err(|error| closed(&error))? {
+                match reply {
+                    Reply::Frame(frame) => return Poll::Ready(Ok(frame)),
+                    Reply::Error(words) => {
+                        let why = format!("the server refused: {words}");
+                        return Poll::Ready(Err(Error::Closed(why)));
+                    }
+                    Reply::Hi | Reply::Ok | Reply::Echo => {}
+                }
+            }
+            let mut space = ReadBuf::new(self.received.space());
+            ready!(Pin::new(&mut self.stream).poll_read(context, &mut space))
+                .map_err(|error| closed(&error))?;
+            let len = space.filled().len();
+            if len == 0 {
+                return Poll::Ready(Err(Error::Closed(Error::SERVER_CLOSED.to_owned())));
+            }
+            self.received.filled(len);
+        }
+    }
+}
+
+impl CanBus for Client {
+    fn send(&mut self, frame: Frame) -> Result<(), Error> {
+        if let Some(error) = &self.ended {
+            return Err(error.clone());
+        }
+        if let Id::Error(_) = frame.id() {
+            return Err(Error::NotSendable(frame));
+        }
+        if self.unsent.len() > UNSENT_MAX {
+            return Err(Error::QueueFull);
+        }
+        text::write_send(&frame, self.unsent.text());
+        // That the connection is gone is told by the reading side, which knows why.
+        self.unsent.try_flush(&self.stream).ok();
+        Ok(())
+    }
+
+    fn poll_receive(&mut self, context: &mut Context<'_>) -> Poll<Result<Stamped, Error>> {
+        if let Some(error) = &self.ended {
+            return Poll::Ready(Err(error.clone()));
+        }
+        let received = ready!(self.poll_frame(context));
+        if let Err(error) = &received {
+            self.ended = Some(error.clone());
+        }
+        Poll::Ready(received)
     }
 }
 

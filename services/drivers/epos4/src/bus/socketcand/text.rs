@@ -4,11 +4,17 @@
 //! Every message is `< ... >` with single spaces and no newline. The two directions write frames differently:
 //! a client sends lower-case unpadded bytes apart (`< send 601 8 40 41 60 0 0 0 0 0 >`), a server answers with
 //! upper-case padded bytes together (`< frame 581 1.000000 4B41600037060000 >`). An empty payload leaves two spaces.
+//! Reading and writing frames allocates nothing.
+
+mod splitter;
 
 use std::fmt;
+use std::io::Write;
 use std::time::Duration;
 
 use crate::frame::{Frame, Id, MAX_DATA_LEN, Stamped};
+
+pub use self::splitter::Splitter;
 
 /// What a client says.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -32,7 +38,7 @@ pub enum Reply {
     Ok,
     /// Answer to [`Request::Echo`].
     Echo,
-    /// A frame that was on the bus. An error frame carries its class bits and no payload.
+    /// A frame that was on the bus. Of an error frame the protocol carries the class bits and no payload.
     Frame(Stamped),
     /// The last request was refused, with the server's words.
     Error(String),
@@ -61,43 +67,59 @@ pub enum ParseError {
 
 impl Request {
     /// Reads the inside of `< ... >`.
-    pub fn parse(message: &str) -> Result<Self, ParseError> {
-        let mut words = message.split_ascii_whitespace();
+    pub fn parse(message: &[u8]) -> Result<Self, ParseError> {
+        let mut words = words(message);
         match words.next() {
-            Some("open") => match (words.next(), words.next()) {
-                (Some(bus), None) => Ok(Self::Open(bus.to_owned())),
+            Some(b"send") => parse_send(message, words).map(Self::Send),
+            Some(b"open") => match (words.next(), words.next()) {
+                (Some(bus), None) => Ok(Self::Open(text(bus))),
                 _ => Err(malformed(message, "one bus name expected")),
             },
-            Some("rawmode") => Ok(Self::RawMode),
-            Some("echo") => Ok(Self::Echo),
-            Some("send") => parse_send(message, words).map(Self::Send),
-            other => Err(ParseError::UnknownCommand(
-                other.unwrap_or_default().to_owned(),
-            )),
+            Some(b"rawmode") => Ok(Self::RawMode),
+            Some(b"echo") => Ok(Self::Echo),
+            other => Err(ParseError::UnknownCommand(text(other.unwrap_or_default()))),
+        }
+    }
+
+    /// Appends the message.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Open(bus) => append(out, format_args!("< open {bus} >")),
+            Self::RawMode => out.extend_from_slice(b"< rawmode >"),
+            Self::Echo => out.extend_from_slice(b"< echo >"),
+            Self::Send(frame) => write_send(frame, out),
         }
     }
 }
 
 impl fmt::Display for Request {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Open(bus) => write!(f, "< open {bus} >"),
-            Self::RawMode => f.write_str("< rawmode >"),
-            Self::Echo => f.write_str("< echo >"),
-            Self::Send(frame) => {
-                write!(f, "< send {} {:X} ", frame.id(), frame.data().len())?;
-                for (i, byte) in frame.data().iter().enumerate() {
-                    write!(f, "{}{byte:x}", if i == 0 { "" } else { " " })?;
-                }
-                f.write_str(" >")
-            }
-        }
+        let mut message = Vec::new();
+        self.write(&mut message);
+        f.write_str(&text(&message))
     }
 }
 
+/// Appends [`Request::Send`]: data unpadded and apart.
+pub fn write_send(frame: &Frame, out: &mut Vec<u8>) {
+    out.extend_from_slice(b"< send ");
+    write_id(frame.id(), out);
+    append(out, format_args!(" {:X} ", frame.data().len()));
+    for (i, byte) in frame.data().iter().enumerate() {
+        if i > 0 {
+            out.push(b' ');
+        }
+        if *byte > 0xF {
+            out.push(b"0123456789abcdef"[usize::from(byte >> 4)]);
+        }
+        out.push(b"0123456789abcdef"[usize::from(byte & 0xF)]);
+    }
+    out.extend_from_slice(b" >");
+}
+
 fn parse_send<'a>(
-    message: &str,
-    mut words: impl Iterator<Item = &'a str>,
+    message: &[u8],
+    mut words: impl Iterator<Item = &'a [u8]>,
 ) -> Result<Frame, ParseError> {
     let id = words
         .next()
@@ -105,73 +127,89 @@ fn parse_send<'a>(
         .ok_or_else(|| malformed(message, "identifier"))?;
     let len = words
         .next()
-        .and_then(|word| usize::from_str_radix(word, 16).ok())
+        .and_then(parse_hex)
+        .map(|len| len as usize)
         .filter(|len| *len <= MAX_DATA_LEN)
         .ok_or_else(|| malformed(message, "length 0 to 8 expected"))?;
-    let bytes: Option<Vec<u8>> = words
-        .take(MAX_DATA_LEN + 1)
-        .map(|word| {
-            if word.len() <= 2 {
-                u8::from_str_radix(word, 16).ok()
-            } else {
-                None
-            }
-        })
-        .collect();
-    let bytes = bytes
-        .filter(|bytes| bytes.len() == len)
-        .ok_or_else(|| malformed(message, "data bytes"))?;
-    Frame::new(id, &bytes).ok_or_else(|| malformed(message, "data bytes"))
+    let mut data = [0; MAX_DATA_LEN];
+    for byte in &mut data[..len] {
+        *byte = words
+            .next()
+            .filter(|word| word.len() <= 2)
+            .and_then(parse_hex)
+            .ok_or_else(|| malformed(message, "data bytes"))? as u8;
+    }
+    match words.next() {
+        None => Frame::new(id, &data[..len]).ok_or_else(|| malformed(message, "data bytes")),
+        Some(_) => Err(malformed(message, "data bytes")),
+    }
 }
 
 // === impl Reply ===
 
 impl Reply {
     /// Reads the inside of `< ... >`.
-    pub fn parse(message: &str) -> Result<Self, ParseError> {
-        let mut words = message.split_ascii_whitespace();
+    pub fn parse(message: &[u8]) -> Result<Self, ParseError> {
+        let mut words = words(message);
         match words.next() {
-            Some("hi") => Ok(Self::Hi),
-            Some("ok") => Ok(Self::Ok),
-            Some("echo") => Ok(Self::Echo),
-            Some("frame") => parse_frame(message, words).map(Self::Frame),
-            Some("error") => Ok(parse_error_frame(words).map_or_else(
-                || Self::Error(message.trim().trim_start_matches("error").trim().to_owned()),
+            Some(b"frame") => parse_frame(message, words).map(Self::Frame),
+            Some(b"hi") => Ok(Self::Hi),
+            Some(b"ok") => Ok(Self::Ok),
+            Some(b"echo") => Ok(Self::Echo),
+            Some(b"error") => Ok(parse_error_frame(words).map_or_else(
+                || {
+                    let all = text(message);
+                    Self::Error(all.trim().trim_start_matches("error").trim().to_owned())
+                },
                 Self::Frame,
             )),
-            other => Err(ParseError::UnknownCommand(
-                other.unwrap_or_default().to_owned(),
-            )),
+            other => Err(ParseError::UnknownCommand(text(other.unwrap_or_default()))),
+        }
+    }
+
+    /// Appends the message.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Hi => out.extend_from_slice(b"< hi >"),
+            Self::Ok => out.extend_from_slice(b"< ok >"),
+            Self::Echo => out.extend_from_slice(b"< echo >"),
+            Self::Error(words) => append(out, format_args!("< error {words} >")),
+            Self::Frame(stamped) => write_frame(stamped, out),
         }
     }
 }
 
 impl fmt::Display for Reply {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Hi => f.write_str("< hi >"),
-            Self::Ok => f.write_str("< ok >"),
-            Self::Echo => f.write_str("< echo >"),
-            Self::Error(words) => write!(f, "< error {words} >"),
-            Self::Frame(Stamped { frame, stamp }) => {
-                let (seconds, micros) = (stamp.as_secs(), stamp.subsec_micros());
-                if let Id::Error(_) = frame.id() {
-                    return write!(f, "< error {} {seconds}.{micros:06} >", frame.id());
-                }
-                write!(f, "< frame {} {seconds}.{micros:06} ", frame.id())?;
-                frame
-                    .data()
-                    .iter()
-                    .try_for_each(|byte| write!(f, "{byte:02X}"))?;
-                f.write_str(" >")
-            }
-        }
+        let mut message = Vec::new();
+        self.write(&mut message);
+        f.write_str(&text(&message))
     }
 }
 
+/// Appends [`Reply::Frame`]: data padded and together. An error frame is written as socketcand writes it, by its class
+/// bits alone.
+pub fn write_frame(Stamped { frame, stamp }: &Stamped, out: &mut Vec<u8>) {
+    let (seconds, micros) = (stamp.as_secs(), stamp.subsec_micros());
+    if let Id::Error(class) = frame.id() {
+        return append(
+            out,
+            format_args!("< error {class:03X} {seconds}.{micros:06} >"),
+        );
+    }
+    out.extend_from_slice(b"< frame ");
+    write_id(frame.id(), out);
+    append(out, format_args!(" {seconds}.{micros:06} "));
+    for byte in frame.data() {
+        out.push(UPPER_DIGITS[usize::from(byte >> 4)]);
+        out.push(UPPER_DIGITS[usize::from(byte & 0xF)]);
+    }
+    out.extend_from_slice(b" >");
+}
+
 fn parse_frame<'a>(
-    message: &str,
-    mut words: impl Iterator<Item = &'a str>,
+    message: &[u8],
+    mut words: impl Iterator<Item = &'a [u8]>,
 ) -> Result<Stamped, ParseError> {
     let id = words
         .next()
@@ -182,31 +220,68 @@ fn parse_frame<'a>(
         .and_then(parse_stamp)
         .ok_or_else(|| malformed(message, "time stamp"))?;
     // Some servers put spaces between the bytes.
-    let digits: String = words.collect();
-    let bytes: Option<Vec<u8>> = digits
-        .as_bytes()
-        .chunks(2)
-        .map(|pair| match pair {
-            [high, low] => Some(hex_digit(*high)? << 4 | hex_digit(*low)?),
-            _ => None,
-        })
-        .collect();
-    let frame = bytes
-        .and_then(|bytes| Frame::new(id, &bytes))
+    let frame = parse_packed(words.flatten())
+        .and_then(|(data, len)| Frame::new(id, &data[..len]))
         .ok_or_else(|| malformed(message, "data bytes"))?;
     Ok(Stamped { frame, stamp })
 }
 
-/// `error 20000040 12.5` is a report of the controller, `error unknown command` a refusal in words.
-fn parse_error_frame<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Stamped> {
+/// Up to eight bytes of two digits each, and how many there are.
+fn parse_packed<'a>(
+    mut digits: impl Iterator<Item = &'a u8>,
+) -> Option<([u8; MAX_DATA_LEN], usize)> {
+    let mut data = [0; MAX_DATA_LEN];
+    let mut len = 0;
+    while let Some(high) = digits.next() {
+        *data.get_mut(len)? = hex_digit(*high)? << 4 | hex_digit(*digits.next()?)?;
+        len += 1;
+    }
+    Some((data, len))
+}
+
+/// `error 040 12.5` is a report of the controller, `error unknown command` a refusal in words. The flag that the kernel
+/// sets in the identifier of an error frame may be there or not.
+fn parse_error_frame<'a>(mut words: impl Iterator<Item = &'a [u8]>) -> Option<Stamped> {
     let class = words.next().and_then(parse_hex)?;
     let stamp = words.next().and_then(parse_stamp)?;
     let frame = Frame::new(Id::Error(class & Id::MAX_EXTENDED), &[])?;
     words.next().is_none().then_some(Stamped { frame, stamp })
 }
 
+// Words and numbers
+
+const UPPER_DIGITS: &[u8; 16] = b"0123456789ABCDEF";
+
+fn words(message: &[u8]) -> impl Iterator<Item = &[u8]> {
+    message
+        .split(u8::is_ascii_whitespace)
+        .filter(|word| !word.is_empty())
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn append(out: &mut Vec<u8>, message: fmt::Arguments<'_>) {
+    // A vector takes whatever is written to it.
+    out.write_fmt(message).ok();
+}
+
+/// Three digits for 11 bits, eight for 29.
+fn write_id(id: Id, out: &mut Vec<u8>) {
+    let (bits, digits) = match id {
+        Id::Standard(id) => (u32::from(id), 3),
+        Id::Extended(id) => (id, 8),
+        // Nobody sends a report: the kernel's flag makes it an identifier that every server refuses.
+        Id::Error(class) => (Id::ERROR_FLAG | class, 8),
+    };
+    for digit in (0..digits).rev() {
+        out.push(UPPER_DIGITS[(bits >> (4 * digit) & 0xF) as usize]);
+    }
+}
+
 /// Up to three digits are 11 bits, eight digits are 29.
-fn parse_id(word: &str) -> Option<Id> {
+fn parse_id(word: &[u8]) -> Option<Id> {
     let id = parse_hex(word)?;
     match word.len() {
         1..=3 if id <= u32::from(Id::MAX_STANDARD) => Some(Id::Standard(id as u16)),
@@ -215,12 +290,13 @@ fn parse_id(word: &str) -> Option<Id> {
     }
 }
 
-fn parse_hex(word: &str) -> Option<u32> {
-    if word.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-        u32::from_str_radix(word, 16).ok()
-    } else {
-        None
+/// Up to eight digits.
+fn parse_hex(word: &[u8]) -> Option<u32> {
+    if !(1..=8).contains(&word.len()) {
+        return None;
     }
+    word.iter()
+        .try_fold(0, |sum, byte| Some(sum << 4 | u32::from(hex_digit(*byte)?)))
 }
 
 fn hex_digit(byte: u8) -> Option<u8> {
@@ -228,64 +304,35 @@ fn hex_digit(byte: u8) -> Option<u8> {
 }
 
 /// `seconds.microseconds`, exact to the microsecond.
-fn parse_stamp(word: &str) -> Option<Duration> {
-    let (seconds, fraction) = word.split_once('.').unwrap_or((word, "0"));
-    let all_digits =
-        |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    if !all_digits(seconds) || !all_digits(fraction) {
+fn parse_stamp(word: &[u8]) -> Option<Duration> {
+    let point = word.iter().position(|byte| *byte == b'.');
+    let (seconds, fraction) = match point {
+        Some(at) => (&word[..at], &word[at + 1..]),
+        None => (word, &b"0"[..]),
+    };
+    if seconds.is_empty() || fraction.is_empty() {
         return None;
     }
-    let micros: u32 = fraction
-        .bytes()
-        .chain(std::iter::repeat(b'0'))
-        .take(6)
-        .fold(0, |sum, digit| sum * 10 + u32::from(digit - b'0'));
-    Some(Duration::new(seconds.parse().ok()?, micros * 1000))
-}
-
-fn malformed(message: &str, part: &'static str) -> ParseError {
-    ParseError::Malformed {
-        message: message.to_owned(),
-        part,
+    let seconds = seconds.iter().try_fold(0_u64, |sum, byte| {
+        sum.checked_mul(10)?.checked_add(decimal_digit(*byte)?)
+    })?;
+    let mut micros = 0;
+    let mut unit = 100_000;
+    for byte in fraction {
+        micros += decimal_digit(*byte)? as u32 * unit;
+        unit /= 10;
     }
+    Some(Duration::new(seconds, micros * 1000))
 }
 
-/// Cuts a byte stream into messages, however the segments fall.
-#[derive(Default, Debug)]
-pub struct Splitter {
-    pending: Vec<u8>,
+fn decimal_digit(byte: u8) -> Option<u64> {
+    byte.is_ascii_digit().then(|| u64::from(byte - b'0'))
 }
 
-impl Splitter {
-    /// The longest message accepted; the protocol's own are below 100 bytes.
-    pub const MAX_MESSAGE_LEN: usize = 200;
-
-    /// Appends received bytes and takes out every complete message, without its brackets.
-    /// Bytes between messages are ignored.
-    pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<String>, ParseError> {
-        let mut messages = Vec::new();
-        for byte in bytes {
-            match (byte, self.pending.is_empty()) {
-                (b'<', _) => {
-                    self.pending.clear();
-                    self.pending.push(b'<');
-                }
-                (_, true) => {}
-                (b'>', false) => {
-                    messages.push(
-                        String::from_utf8_lossy(&self.pending[1..])
-                            .trim()
-                            .to_owned(),
-                    );
-                    self.pending.clear();
-                }
-                (byte, false) if self.pending.len() < Self::MAX_MESSAGE_LEN => {
-                    self.pending.push(*byte)
-                }
-                _ => return Err(ParseError::TooLong),
-            }
-        }
-        Ok(messages)
+fn malformed(message: &[u8], part: &'static str) -> ParseError {
+    ParseError::Malformed {
+        message: text(message),
+        part,
     }
 }
 

