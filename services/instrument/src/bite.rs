@@ -184,6 +184,7 @@ mod tests {
             statusword: Statusword(statusword),
             position,
             current_ma,
+            inputs: 0,
             stamp: Duration::from_millis(ms),
         }
     }

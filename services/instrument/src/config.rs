@@ -23,6 +23,10 @@ pub struct Config {
     pub heartbeat_ms: u16,
     /// A drive is lost when no heartbeat came for this long on the clock of the bus, ms.
     pub heartbeat_timeout_ms: u16,
+    /// The number of this host on the bus, for its heartbeat, 1 to 127 and none of a drive.
+    pub host_node_id: u8,
+    /// Of the bus, bits a second: what its load is measured against.
+    pub bit_rate: u32,
     /// The bus is lost when nothing at all came for this long in real time, s.
     pub bus_silence_s: f64,
     /// How long an SDO answer is waited for in real time, s.
@@ -127,6 +131,10 @@ pub struct Cell {
     pub heartbeat_ms: u16,
     /// Bus time.
     pub heartbeat_timeout: Duration,
+    /// Of this host.
+    pub host_node_id: u8,
+    /// Bits a second.
+    pub bit_rate: u32,
     /// Real time.
     pub bus_silence: Duration,
     /// Real time.
@@ -165,6 +173,8 @@ impl Default for Config {
             product_code: 0x6050_0000,
             heartbeat_ms: 100,
             heartbeat_timeout_ms: 300,
+            host_node_id: 127,
+            bit_rate: 1_000_000,
             bus_silence_s: 3.0,
             sdo_timeout_s: 2.0,
             axes: Axes {
@@ -274,6 +284,21 @@ impl Config {
                 return Err(bad(format!("axes.{}.node_id", axis.spec.axis), problem));
             }
         }
+        if !(1..=127).contains(&self.host_node_id)
+            || axes
+                .iter()
+                .any(|axis| axis.spec.node_id == self.host_node_id)
+        {
+            let problem = format!(
+                "{} is not within 1 to 127, or belongs to a drive",
+                self.host_node_id
+            );
+            return Err(bad("host_node_id", problem));
+        }
+        if !(10_000..=1_000_000).contains(&self.bit_rate) {
+            let problem = format!("{} is not within 10000 to 1000000", self.bit_rate);
+            return Err(bad("bit_rate", problem));
+        }
         let bite = self.bite.check(&axes[Axis::ForcepsFeed.index()].spec)?;
         Ok(Cell {
             bus,
@@ -281,6 +306,8 @@ impl Config {
             product_code: self.product_code,
             heartbeat_ms: self.heartbeat_ms,
             heartbeat_timeout: Duration::from_millis(self.heartbeat_timeout_ms.into()),
+            host_node_id: self.host_node_id,
+            bit_rate: self.bit_rate,
             bus_silence: Duration::from_secs_f64(within(
                 "bus_silence_s",
                 self.bus_silence_s,
@@ -452,7 +479,7 @@ mod tests {
     #[test]
     fn a_bad_value_is_named_with_its_key_and_limits() {
         type Spoil = fn(&mut Config);
-        let change: [(Spoil, &str); 7] = [
+        let change: [(Spoil, &str); 9] = [
             (
                 |config| config.bus = "can0".into(),
                 "instrument.bus: bus address \"can0\"",
@@ -460,6 +487,14 @@ mod tests {
             (
                 |config| config.heartbeat_timeout_ms = 150,
                 "instrument.heartbeat_timeout_ms: 150 ms",
+            ),
+            (
+                |config| config.host_node_id = 2,
+                "instrument.host_node_id: 2 is not within 1 to 127, or belongs",
+            ),
+            (
+                |config| config.bit_rate = 0,
+                "instrument.bit_rate: 0 is not within 10000",
             ),
             (
                 |config| config.axes.forceps_feed.node_id = 4,

@@ -127,6 +127,24 @@ pub enum Failure {
         /// The function.
         function: u8,
     },
+    /// The drive changed, and its process data did not come.
+    #[error(
+        "the drive has statusword {statusword} and position {position_qc} qc and did not send it within {limit_s} s"
+    )]
+    StaleProcessData {
+        /// Asked for.
+        statusword: Statusword,
+        /// Asked for.
+        position_qc: i32,
+        /// The time it had, of the bus.
+        limit_s: f64,
+    },
+    /// Another drive answers than before.
+    #[error("another drive answers: {0}")]
+    WrongNode(String),
+    /// The drive did not become ready again.
+    #[error("the drive is not ready: {0}")]
+    NotReady(String),
     /// A fault came, of this axis or another.
     #[error("{axis}: {fault}")]
     Fault {
@@ -154,6 +172,9 @@ impl Failure {
             Self::DriveFault { code } => drive_reason(*code),
             Self::NoTransition { .. } => "DRIVE_NO_TRANSITION",
             Self::SwitchNotMapped { .. } => "HOMING_SWITCH_NOT_MAPPED",
+            Self::StaleProcessData { .. } => "STALE_PROCESS_DATA",
+            Self::WrongNode(_) => "WRONG_NODE",
+            Self::NotReady(_) => "AXIS_NOT_READY",
             Self::Fault { fault, .. } => fault.reason,
         }
     }
@@ -162,7 +183,7 @@ impl Failure {
     pub fn fault(&self) -> Option<Fault> {
         match self {
             Self::DriveFault { code } => Some(Fault::of_drive(*code)),
-            Self::SwitchNotMapped { .. } | Self::Fault { .. } => None,
+            Self::SwitchNotMapped { .. } | Self::NotReady(_) | Self::Fault { .. } => None,
             Self::Object(error) if error.abort_code().is_some() => None,
             failure => Some(Fault::new(failure.reason(), failure.to_string())),
         }
@@ -217,7 +238,9 @@ impl From<Refusal> for Status {
                     .map(|code| ("abort_code", format!("0x{:08X}", code.0)));
                 let metadata: Vec<_> = abort_code.into_iter().collect();
                 match error {
-                    network::Error::Failed { .. } | network::Error::Size { .. } => {
+                    network::Error::Failed { .. }
+                    | network::Error::Size { .. }
+                    | network::Error::ReadBack { .. } => {
                         status::refused(object_reason(&error), message, &metadata)
                     }
                     _ => status::unavailable(object_reason(&error), message, &metadata),
@@ -230,13 +253,16 @@ impl From<Refusal> for Status {
     }
 }
 
-fn object_reason(error: &network::Error) -> &'static str {
+/// The stable word for a request to a node that did not succeed.
+pub(crate) fn object_reason(error: &network::Error) -> &'static str {
     match error {
         network::Error::NoAnswer { .. } => "SDO_NO_ANSWER",
         network::Error::Restarted { .. } => "UNEXPECTED_BOOT_UP",
         network::Error::Failed { .. } => "SDO_ABORTED",
         network::Error::Size { .. } => "SDO_WRONG_SIZE",
         network::Error::Busy { .. } => "SDO_BUSY",
+        network::Error::ReadBack { .. } => "SDO_READ_BACK",
+        network::Error::NotInState { .. } => "NMT_NO_TRANSITION",
         network::Error::Gone => "BUS_LOST",
     }
 }

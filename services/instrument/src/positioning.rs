@@ -15,7 +15,9 @@ pub struct Sample {
     pub position: f64,
     /// Object 0x30D1:02.
     pub current_ma: f64,
-    /// When the position was read, on the clock of the bus.
+    /// Object 0x60FD: what the drive takes for active, by function.
+    pub inputs: u32,
+    /// When statusword and position were on the bus, on its clock.
     pub stamp: Duration,
 }
 
@@ -110,6 +112,7 @@ mod tests {
             statusword: Statusword(statusword),
             position,
             current_ma: 50.0,
+            inputs: 0,
             stamp,
         }
     }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use epos4_link::bus::{self, CanBus, in_process, socketcand};
 use epos4_link::frame::Frame;
-use epos4_link::network::{Network, Node};
+use epos4_link::network::{Network, Node, Options};
 use epos4_link::objects;
 use tokio::io::AsyncReadExt;
 use tokio::time::{MissedTickBehavior, interval};
@@ -38,7 +38,7 @@ async fn main() {
 /// Round trips one after another to each node, the time of each, ms.
 async fn sdo(address: &str, count: usize, nodes: u8) {
     let bus = bus::connect(address).await.unwrap();
-    let (mut network, handles) = Network::new(bus, Duration::from_secs(1));
+    let (mut network, handles) = Network::new(bus, Options::default());
     let began = Instant::now();
     let cpu_s = cpu_s();
     let all = async move {

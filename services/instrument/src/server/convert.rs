@@ -181,7 +181,7 @@ pub(super) fn axis_state(axis: Axis, snapshot: &Snapshot) -> proto::AxisState {
     let drive_state = sample.and_then(|sample| sample.statusword.state());
     let (fault_reason, fault_detail) = match (&state.fault, &state.readiness) {
         (Some(fault), _) => (fault.reason.to_owned(), fault.detail.clone()),
-        (None, Readiness::NotReady(why)) => ("AXIS_NOT_READY".to_owned(), why.clone()),
+        (None, Readiness::NotReady { detail, .. }) => ("AXIS_NOT_READY".to_owned(), detail.clone()),
         (None, Readiness::Ready) => Default::default(),
     };
     proto::AxisState {
