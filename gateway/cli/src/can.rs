@@ -65,6 +65,7 @@ fn sdo_failure(error: &network::Error) -> Failure {
     let (kind, reason) = match error {
         network::Error::NoAnswer { .. } => (Kind::Unreachable, "SDO_NO_ANSWER"),
         network::Error::Failed { .. } => (Kind::Refused, "SDO_ABORTED"),
+        network::Error::NotInState { .. } => (Kind::Failed, "NMT_NOT_CONFIRMED"),
         network::Error::Gone => (Kind::Unreachable, "BUS_LOST"),
         _ => (Kind::Failed, "SDO_FAILED"),
     };

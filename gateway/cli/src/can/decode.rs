@@ -8,6 +8,7 @@ use epos4_link::canopen::object::Address;
 use epos4_link::canopen::sdo::{Initiate, Request, Response};
 use epos4_link::canopen::{heartbeat, nmt};
 use epos4_link::dictionary::{self, Kind, PDO_COUNT, PDO_ENTRIES_MAX, PDO_OFF};
+use epos4_link::frame::error::{Class, Report};
 use epos4_link::frame::{Frame, Id};
 
 use super::meaning;
@@ -39,10 +40,7 @@ impl Decoder {
         let cob_id = match frame.id() {
             Id::Standard(cob_id) => cob_id,
             Id::Extended(_) => return "extended frame, not CANopen".to_owned(),
-            Id::Error(class) if class & Id::ERROR_BUS_OFF != 0 => {
-                return "error frame: bus-off".to_owned();
-            }
-            Id::Error(class) => return format!("error frame: class 0x{class:X}"),
+            Id::Error(_) => return report(frame),
         };
         if let Some((command, target)) = nmt::decode(frame) {
             let target = match target {
@@ -227,6 +225,34 @@ fn factory_pdo(cob_id: u16) -> Option<(u8, u16)> {
     };
     let index = if base & 0x80 != 0 { 0x1800 } else { 0x1400 };
     (node_id != 0 && number < PDO_COUNT).then_some((node_id, index + number))
+}
+
+/// An error frame of the controller, in words.
+fn report(frame: &Frame) -> String {
+    let Some(report) = Report::decode(frame) else {
+        return "error frame".to_owned();
+    };
+    let classes = [
+        (Class::TRANSMIT_TIMEOUT, "transmit timeout"),
+        (Class::LOST_ARBITRATION, "lost arbitration"),
+        (Class::CONTROLLER, "controller"),
+        (Class::PROTOCOL, "protocol"),
+        (Class::TRANSCEIVER, "transceiver"),
+        (Class::NO_ACKNOWLEDGE, "no acknowledge"),
+        (Class::BUS_OFF, "bus-off"),
+        (Class::BUS_ERROR, "bus error"),
+        (Class::RESTARTED, "restarted"),
+    ];
+    let named = classes.iter().filter(|(class, _)| report.has(*class));
+    let mut words: Vec<String> = named.map(|(_, name)| (*name).to_owned()).collect();
+    words.extend(report.state().map(|state| format!("{state:?}")));
+    if let Some(counters) = report.counters() {
+        words.push(format!(
+            "transmit errors {}, receive errors {}",
+            counters.transmit, counters.receive
+        ));
+    }
+    format!("error frame: {}", words.join(", "))
 }
 
 fn order(command: nmt::Command) -> &'static str {

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use epos4_link::bus;
-use epos4_link::frame::{Frame, Id, Stamped};
+use epos4_link::frame::candump::Line;
+use epos4_link::frame::{Frame, Stamped};
 use serde_json::json;
 use tokio::time::{Instant, sleep_until};
 
@@ -38,7 +39,10 @@ pub async fn run(address: &str, arguments: &Dump, output: &Output) -> Result<(),
 }
 
 fn show(received: &Stamped, name: &str, arguments: &Dump, decoder: &mut Decoder, output: &Output) {
-    let line = log_line(received, name);
+    let line = Line {
+        interface: name,
+        stamped: *received,
+    };
     let meaning = decoder.explain(&received.frame);
     if output.is_json() {
         output.result(&json!({
@@ -48,26 +52,10 @@ fn show(received: &Stamped, name: &str, arguments: &Dump, decoder: &mut Decoder,
             "meaning": meaning,
         }));
     } else if arguments.raw {
-        output.line(line);
+        output.line(line.to_string());
     } else {
-        output.line(format!("{line:<52}  {meaning}"));
+        output.line(format!("{:<52}  {meaning}", line.to_string()));
     }
-}
-
-/// A line as `candump -L` writes it: `(seconds) interface ID#DATA`.
-fn log_line(received: &Stamped, name: &str) -> String {
-    let Stamped { frame, stamp } = received;
-    format!(
-        "({}.{:06}) {name} {}#{}",
-        stamp.as_secs(),
-        stamp.subsec_micros(),
-        frame.id(),
-        // The log format wants eight bytes of an error frame.
-        match frame.id() {
-            Id::Error(_) if frame.data().is_empty() => "0000000000000000".to_owned(),
-            _ => hex(frame),
-        }
-    )
 }
 
 fn hex(frame: &Frame) -> String {
@@ -88,22 +76,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_what_candump_writes() {
-        let line = |frame, address| {
-            let stamp = Duration::new(1_436_509_052, 249_713_000);
-            log_line(&Stamped { frame, stamp }, interface(address))
-        };
-        let frame = Frame::standard(0x601, [0x40, 0x41, 0x60, 0, 0, 0, 0, 0]);
-        assert_eq!(
-            line(frame, "socketcan:vcan0"),
-            "(1436509052.249713) vcan0 601#4041600000000000"
-        );
-        assert_eq!(
-            line(
-                Frame::standard(0x080, []),
-                "socketcand://127.0.0.1:29536/can0"
-            ),
-            "(1436509052.249713) can0 080#"
-        );
+    fn a_bus_is_called_as_within_its_address() {
+        assert_eq!(interface("socketcan:vcan0"), "vcan0");
+        assert_eq!(interface("socketcand://127.0.0.1:29536/can0"), "can0");
     }
 }

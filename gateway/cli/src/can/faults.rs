@@ -1,6 +1,6 @@
 //! The errors of one drive.
 
-use epos4_link::canopen::emcy;
+use epos4_link::canopen::emcy::{self, Emergency};
 use epos4_link::objects::{self, ERROR_HISTORY_LEN, error_history};
 use serde_json::json;
 
@@ -44,11 +44,20 @@ pub async fn show(can: &Can, arguments: &Faults, output: &Output) -> Result<(), 
     if history.is_empty() {
         output.line("no error is remembered");
     }
-    for (place, code) in (1..).zip(&history) {
-        let place: u8 = place;
-        output.line(format!("{place}. 0x{code:04X} ({})", emcy::text(*code)));
+    for (place, code) in history.iter().enumerate() {
+        let text = emcy::text(*code);
+        output.line(format!("{}. 0x{code:04X} ({text})", place + 1));
     }
-    let told = |code: u16| json!({"code": code, "text": emcy::text(code)});
+    if let Some(code) = Some(present).filter(|code| *code != Emergency::RESET) {
+        output.line(format!("what to do: {}", emcy::response(code)));
+    }
+    let told = |code: u16| {
+        json!({
+            "code": code,
+            "text": emcy::text(code),
+            "response": emcy::response(code),
+        })
+    };
     output.result(&json!({
         "node": arguments.node,
         "error": told(present),

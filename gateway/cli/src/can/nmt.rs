@@ -1,15 +1,12 @@
 //! NMT commands, and what the heartbeats say to them.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
-use epos4_link::canopen::heartbeat;
-use epos4_link::canopen::nmt::{Command, State};
-use epos4_link::frame::Stamped;
+use epos4_link::canopen::nmt::Command;
+use epos4_link::network::{self, Node};
 use epos4_link::objects;
-use serde_json::json;
-use tokio::sync::broadcast::{Receiver, error::RecvError};
-use tokio::time::{Instant, timeout_at};
+use serde_json::{Value, json};
+use tokio::task::JoinSet;
 
 use super::nodes;
 use super::session::Session;
@@ -29,68 +26,58 @@ pub async fn order(can: &Can, order: &NmtOrder, output: &Output) -> Result<(), F
     let session = Session::open(can, output).await?;
     let node_ids = match order.target {
         NmtTarget::Node(node_id) => vec![node_id],
-        NmtTarget::All => nodes::answering(&session).await?,
+        NmtTarget::All => {
+            let found = nodes::answering(can, &session).await?;
+            found.iter().map(|node| node.node_id).collect()
+        }
     };
     let command = Command::from(order.command);
-    let mut waits = BTreeMap::new();
-    for node_id in &node_ids {
-        waits.insert(*node_id, wait(&session, *node_id, command).await);
+    let mut ordered = JoinSet::new();
+    for node_id in node_ids {
+        let node = session.node(node_id);
+        ordered.spawn(async move { (node.node_id(), carry_out(&node, command).await) });
     }
-    let mut listening = session.listen();
-    for node_id in &node_ids {
-        session
-            .node(*node_id)
-            .command(command)
-            .await
-            .map_err(|error| session.failure(&error))?;
+    let mut outcomes = Vec::new();
+    while let Some(outcome) = ordered.join_next().await {
+        outcomes.push(outcome.map_err(|error| Failure::failed("RUNTIME", error))?);
     }
-    let told = told(&mut listening, command, &waits).await;
+    outcomes.sort_by_key(|(node_id, _)| *node_id);
     let mut nodes = Vec::new();
-    for (node_id, wait) in &waits {
-        let state = told.get(node_id).copied();
-        output.line(match (state, wait) {
-            (Some(state), _) => format!("node {node_id}: {state}"),
-            (None, None) => {
-                format!("node {node_id}: ordered; it sends no heartbeat that would tell")
-            }
-            (None, Some(_)) => format!("node {node_id}: not confirmed"),
-        });
-        nodes.push(json!({
-            "node": node_id,
-            "state": state.map(|state| state.to_string()),
-            "confirmed": state == Some(expected(command)),
-        }));
-    }
-    let lagging = waits
-        .iter()
-        .filter(|(_, wait)| wait.is_some())
-        .find(|(node_id, _)| told.get(node_id) != Some(&expected(command)));
-    if let Some((node_id, Some(wait))) = lagging {
-        let last = told.get(node_id).map_or_else(
-            || "nothing was heard of it".to_owned(),
-            |state| format!("it is {state}"),
-        );
-        let fault = format!(
-            "node {node_id} did not tell {} within {} s; {last}",
-            expected(command),
-            wait.as_secs_f64()
-        );
-        return Err(Failure::failed("NMT_NOT_CONFIRMED", fault));
+    for (node_id, outcome) in outcomes {
+        let is_confirmed = outcome.map_err(|error| session.failure(&error))?;
+        nodes.push(told(node_id, command, is_confirmed, output));
     }
     output.result(&json!({"nodes": nodes, "other_master": session.other_master()}));
     Ok(())
 }
 
+fn told(node_id: u8, command: Command, is_confirmed: bool, output: &Output) -> Value {
+    let state = command.outcome();
+    output.line(if is_confirmed {
+        format!("node {node_id}: {state}")
+    } else {
+        format!("node {node_id}: ordered; it sends no heartbeat that would tell {state}")
+    });
+    json!({
+        "node": node_id,
+        "state": is_confirmed.then(|| state.to_string()),
+    })
+}
+
+/// Whether the node told its new state; false when it has no heartbeat to tell it.
+async fn carry_out(node: &Node, command: Command) -> Result<bool, network::Error> {
+    match wait(node, command).await {
+        Some(wait) => node.change_state(command, wait).await.map(|_| true),
+        None => node.command(command).await.map(|()| false),
+    }
+}
+
 /// How long the node may take to tell its new state; `None` when it never does.
-async fn wait(session: &Session, node_id: u8, command: Command) -> Option<Duration> {
+async fn wait(node: &Node, command: Command) -> Option<Duration> {
     if matches!(command, Command::ResetNode | Command::ResetCommunication) {
         return Some(BOOT_UP_WAIT);
     }
-    match session
-        .node(node_id)
-        .read(objects::PRODUCER_HEARTBEAT)
-        .await
-    {
+    match node.read(objects::PRODUCER_HEARTBEAT).await {
         Ok(0) => None,
         Ok(period_ms) => {
             let periods = PERIODS * Duration::from_millis(u64::from(period_ms));
@@ -98,44 +85,6 @@ async fn wait(session: &Session, node_id: u8, command: Command) -> Option<Durati
         }
         // A stopped node answers no SDO; its heartbeat, if it has one, is heard within this.
         Err(_) => Some(WAIT_MIN),
-    }
-}
-
-/// The last states told, once all are as ordered or the time is over.
-async fn told(
-    listening: &mut Receiver<Stamped>,
-    command: Command,
-    waits: &BTreeMap<u8, Option<Duration>>,
-) -> BTreeMap<u8, State> {
-    let begun = Instant::now();
-    let mut told = BTreeMap::new();
-    loop {
-        let open = waits
-            .iter()
-            .filter(|(node_id, _)| told.get(*node_id) != Some(&expected(command)))
-            .filter_map(|(_, wait)| *wait)
-            .max();
-        let Some(wait) = open else { return told };
-        match timeout_at(begun + wait, listening.recv()).await {
-            Ok(Ok(stamped)) => {
-                let heard = heartbeat::decode(&stamped.frame);
-                let meant = heard.filter(|(node_id, _)| {
-                    waits.contains_key(node_id) && told.get(node_id) != Some(&expected(command))
-                });
-                told.extend(meant);
-            }
-            Ok(Err(RecvError::Lagged(_))) => {}
-            Ok(Err(RecvError::Closed)) | Err(_) => return told,
-        }
-    }
-}
-
-fn expected(command: Command) -> State {
-    match command {
-        Command::Start => State::Operational,
-        Command::Stop => State::Stopped,
-        Command::EnterPreOperational => State::PreOperational,
-        Command::ResetNode | Command::ResetCommunication => State::BootUp,
     }
 }
 

@@ -9,8 +9,8 @@ use crate::exit::Failure;
 
 /// How many near names are told.
 const NEAR_MAX: usize = 8;
-/// Names within so many letters of what was typed count as near.
-const TYPING_ERRORS: usize = 3;
+/// Words within so many letters of what was typed count as near.
+const TYPING_ERRORS: usize = 2;
 
 /// An object as it was asked for.
 #[derive(Clone, Copy, Debug)]
@@ -187,7 +187,7 @@ fn normal(text: &str) -> String {
     spaced.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Objects whose name has all the words, or is almost spelt so. Nearest first.
+/// Objects whose name has all the words. Nearest first.
 fn near(wanted: &str) -> Vec<&'static Entry> {
     let words: Vec<&str> = wanted.split(' ').filter(|word| !word.is_empty()).collect();
     if words.is_empty() {
@@ -195,14 +195,17 @@ fn near(wanted: &str) -> Vec<&'static Entry> {
     }
     let mut near: Vec<(usize, &Entry)> = entries()
         .iter()
-        .filter_map(|entry| {
-            let distance = distance(wanted, entry.name);
-            let has_words = words.iter().all(|word| entry.name.contains(word));
-            (has_words || distance <= TYPING_ERRORS).then_some((distance, entry))
-        })
+        .filter(|entry| words.iter().all(|word| has_word(entry.name, word)))
+        .map(|entry| (distance(wanted, entry.name), entry))
         .collect();
     near.sort_by_key(|(distance, entry)| (*distance, entry.address));
     near.into_iter().map(|(_, entry)| entry).collect()
+}
+
+/// Whether a name has the word, or one that is almost spelt so.
+fn has_word(name: &str, word: &str) -> bool {
+    let is_near = |part| word.len() > TYPING_ERRORS && distance(part, word) <= TYPING_ERRORS;
+    name.contains(word) || name.split(' ').any(is_near)
 }
 
 fn listed(entries: &[&Entry]) -> String {
@@ -289,7 +292,7 @@ mod tests {
         let (reason, message) = refusal("statusvord");
         assert_eq!(reason, "OBJECT_UNKNOWN");
         assert!(message.contains("0x6041:00 statusword"), "{message}");
-        let (_, message) = refusal("position actual");
+        let (_, message) = refusal("positon actual");
         assert!(
             message.contains("0x6064:00 position actual value"),
             "{message}"

@@ -8,7 +8,7 @@ use std::time::Duration;
 use epos4_link::bus::{self, CanBus};
 use epos4_link::canopen::{heartbeat, nmt};
 use epos4_link::frame::{Frame, Stamped};
-use epos4_link::network::{self, Network, Node, Nodes};
+use epos4_link::network::{self, Network, Node, Nodes, Options};
 use tokio::sync::broadcast;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
@@ -45,8 +45,11 @@ impl Session {
             bus,
             heard: heard.clone(),
         };
-        let (mut network, nodes) =
-            Network::new(Box::new(listened), Duration::from_millis(can.answer_ms));
+        let options = Options {
+            sdo_timeout: Duration::from_millis(can.answer_ms),
+            ..Options::default()
+        };
+        let (mut network, nodes) = Network::new(Box::new(listened), options);
         let broken = Arc::new(Mutex::new(None));
         let carried = Arc::clone(&broken);
         let carrying = tokio::spawn(async move {
@@ -77,6 +80,11 @@ impl Session {
     /// A node by its number.
     pub fn node(&self, node_id: u8) -> Node {
         self.nodes.node(node_id)
+    }
+
+    /// All of them.
+    pub fn nodes(&self) -> &Nodes {
+        &self.nodes
     }
 
     /// Every frame from now on.

@@ -77,7 +77,7 @@ fn transfer(
         match transfer.on_response(answer.data().try_into().unwrap())? {
             Step::Send(next) => request = next,
             Step::Done(value) => return Ok(value),
-            Step::Ignored => panic!("an answer that was not understood: {:02X?}", answer.data()),
+            other => panic!("{other:?} after {:02X?}", answer.data()),
         }
     }
 }
