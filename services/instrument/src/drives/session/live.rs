@@ -238,3 +238,15 @@ pub(super) async fn stop_all(links: [Option<Link>; 4]) -> Result<(), Refusal> {
         Err(Refusal::StopNotConfirmed(failures.join("; ")))
     }
 }
+
+/// Stops all; when they have confirmed, they are left without power and do not wait for this host any more. Otherwise it is
+/// this host's silence that stops them.
+pub(super) async fn leave_all(links: [Option<Link>; 4]) -> Result<(), Refusal> {
+    stop_all(links.clone()).await?;
+    for link in links.into_iter().flatten() {
+        if let Err(failure) = link.let_go().await {
+            tracing::warn!(axis = %link.axis(), %failure, "the drive was not let go");
+        }
+    }
+    Ok(())
+}
