@@ -604,10 +604,15 @@ impl Drives {
     /// A person has seen the faults: a bus that was left is joined again, and a drive that is another is accepted.
     fn prepare_recovery(&mut self, axes: &[Axis]) {
         for axis in axes {
-            let fault = self.supervisor.fault(*axis);
-            if fault.is_some_and(|fault| fault.reason == "WRONG_NODE") {
-                self.board.update_axis(*axis, |state| state.identity = None);
-            }
+            self.board.update_axis(*axis, |state| {
+                if let Readiness::NotReady {
+                    reason: "WRONG_NODE",
+                    ..
+                } = state.readiness
+                {
+                    state.identity = None;
+                }
+            });
         }
         self.session.recover();
     }

@@ -171,13 +171,15 @@ pub enum Failure {
     },
     /// The drive changed, and its process data did not come.
     #[error(
-        "the drive has statusword {statusword} and position {position_qc} qc and did not send it within {limit_s} s"
+        "the drive has statusword {statusword}, position {position_qc} qc, current {current_ma} mA and did not send them within {limit_s} s"
     )]
     StaleProcessData {
         /// Asked for.
         statusword: Statusword,
         /// Asked for.
         position_qc: i32,
+        /// Asked for.
+        current_ma: i32,
         /// The time it had, of the bus.
         limit_s: f64,
     },
@@ -246,8 +248,8 @@ impl Failure {
             Self::DriveFault { code } => Some(Fault::of_drive(*code)),
             Self::SwitchNotMapped { .. }
             | Self::NotHomed { .. }
-            | Self::Switch { .. }
             | Self::NotReady(_)
+            | Self::Switch { .. }
             | Self::Bite(BiteError::NotOpen { .. } | BiteError::NotClosed { .. })
             | Self::Fault { .. } => None,
             Self::Object(error) if error.abort_code().is_some() => None,

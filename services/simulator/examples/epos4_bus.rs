@@ -62,11 +62,13 @@ async fn run(bus: &Bus) {
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut now_s = 0.0;
     let mut shafts_qc = axes::start_qc();
+    let mut mechanisms = axes::Mechanisms::new(&axes::Axis::ALL);
     loop {
         ticks.tick().await;
         while now_s < start.elapsed().as_secs_f64() {
             now_s += STEP.as_secs_f64();
-            bus.tick(STEP.as_secs_f64(), now_s, &axes::mechanics(&shafts_qc, 0.0));
+            let mechanics = mechanisms.act(&shafts_qc, axes::JawLoad::default());
+            bus.tick(STEP.as_secs_f64(), now_s, &mechanics);
             for (shaft_qc, position_qc) in shafts_qc.iter_mut().zip(bus.positions_quadcounts()) {
                 *shaft_qc = position_qc;
             }

@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arm_us = cost_us(|| arm.tick())?;
 
     let bus = epos4::Bus::new(axes::drives());
-    let mechanics = axes::mechanics(&axes::start_qc(), 0.0);
+    let mechanics =
+        axes::Mechanisms::new(&axes::Axis::ALL).act(&axes::start_qc(), axes::JawLoad::default());
     let mut now_s = 0.0;
     let mut drives_us = |steps: u32| {
         cost_us(|| {

@@ -7,7 +7,7 @@ pub mod axes;
 use arthro_geometry::Rigid;
 use arthro_geometry::frame::{Base, Flange, ForcepsBase};
 
-use self::axes::{FORCEPS_FEED, FORCEPS_ROTATION};
+use self::axes::{Axis, FORCEPS_FEED, FORCEPS_ROTATION, Mechanisms};
 use crate::epos4::Mechanics;
 use crate::jaw::{self, Jaw};
 use crate::knee::{Knee, Volume};
@@ -33,6 +33,7 @@ pub struct Cell {
     knee: Knee,
     jaw: Jaw,
     referee: Referee,
+    mechanisms: Mechanisms,
     shafts_qc: [f64; 4],
     drives_turn: bool,
 }
@@ -81,6 +82,7 @@ impl Cell {
             knee: Knee::new(scenario),
             jaw: Jaw::new(&scenario.spec.jaw),
             referee: Referee::default(),
+            mechanisms: Mechanisms::new(&Axis::ALL),
             shafts_qc: axes::start_qc(),
             drives_turn: false,
         }
@@ -112,7 +114,7 @@ impl Cell {
     pub fn tick(
         &mut self,
         joints_rad: &[[f64; 6]; 2],
-        mut turn_drives: impl FnMut(f64, f64, &[Mechanics; 4]) -> [f64; 4],
+        mut turn_drives: impl FnMut(f64, f64, &[Mechanics]) -> [f64; 4],
     ) {
         let start_s = self.now_s();
         self.ticks += 1;
@@ -130,7 +132,7 @@ impl Cell {
         let step_s = TICK_S / f64::from(steps);
         for step in 1..=steps {
             let feed_mm = axes::feed_mm(self.shafts_qc[FORCEPS_FEED]);
-            let mechanics = axes::mechanics(&self.shafts_qc, self.jaw.resistance_ma(feed_mm));
+            let mechanics = self.mechanisms.act(&self.shafts_qc, self.jaw.load(feed_mm));
             let now_s = start_s + f64::from(step) * step_s;
             self.shafts_qc = turn_drives(step_s, now_s, &mechanics);
             let feed_mm = axes::feed_mm(self.shafts_qc[FORCEPS_FEED]);

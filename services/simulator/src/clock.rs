@@ -1,8 +1,8 @@
 //! The cell's clock: ticks controllers, drives and the truth in lock step, at a chosen multiple of
 //! the wall clock or as near to it as the machine and the clients allow.
 //!
-//! Above real time every tick waits for the clients that close a loop over it, so that they are never
-//! outrun. Ahead of its time the clock sleeps; behind it, it does not run after lost time.
+//! Above real time every tick waits for the clients that close a loop over it, and for a heartbeat that
+//! a drive would miss, so that they are never outrun. Ahead of its time the clock sleeps; behind it, it does not run after lost time.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -102,6 +102,7 @@ async fn run(options: Options, driven: Driven, reached: Arc<Mutex<f64>>) {
             tokio::join!(
                 forceps.servers.wait_for_clients(options.client_wait),
                 arthroscope.servers.wait_for_clients(options.client_wait),
+                driven.bus.wait_for_heartbeats(TICK_S, options.client_wait),
             );
         }
         // The connections of the wires are tasks of the same runtime.

@@ -7,6 +7,7 @@
 use arthro_geometry::frame::{ForcepsBase, Tool};
 use arthro_geometry::{Rigid, Rotation, Vector3};
 
+use crate::cell::axes::{FEED_N_PER_MA, JawLoad};
 use crate::knee::{Bitten, JawBox, Knee, Volume};
 use crate::scenario::spec::JawSpec;
 
@@ -41,8 +42,10 @@ const CUTS_AT: f64 = 0.9;
 const LETS_GO_AT: f64 = 0.5;
 /// Tissue is pressed together by this much before the blades cut into it, mm.
 const PRESSED_MM: f64 = 0.5;
-/// Blade against blade, mA for each mm beyond closed.
-const BLADES_MA_PER_MM: f64 = 2000.0;
+/// Blade against blade, N for each mm beyond closed.
+pub(crate) const BLADES_N_PER_MM: f64 = 700.0;
+/// The spring that opens the jaw, N at the screw for each mm.
+pub(crate) const SPRING_N_PER_MM: f64 = 0.5;
 /// A jaw that moved less than this has the same tissue between its blades.
 const SAME_PLACE_MM: f64 = 0.01;
 const SAME_DIRECTION_RAD: f64 = 1e-3;
@@ -88,20 +91,24 @@ impl Jaw {
         }
     }
 
-    /// What the feed drive must overcome at this feed, mA of motor current.
-    pub fn resistance_ma(&self, feed_mm: f64) -> f64 {
-        let blades_ma = (feed_mm - self.spec.closed_feed_mm).max(0.0) * BLADES_MA_PER_MM;
-        let tissue_ma = match (&self.grip, &self.looked_at) {
+    /// What the feed drive must overcome at this feed.
+    pub fn load(&self, feed_mm: f64) -> JawLoad {
+        let blades_n = (feed_mm - self.spec.closed_feed_mm).max(0.0) * BLADES_N_PER_MM;
+        let tissue_n = match (&self.grip, &self.looked_at) {
             (Grip::Open, Some((_, bitten))) if bitten.thickness_mm > 0.0 => {
                 let aperture_mm = self.spec.opening_mm * (1.0 - self.closure(feed_mm));
                 let pressed_mm = (bitten.thickness_mm - aperture_mm).clamp(0.0, PRESSED_MM);
                 let footprint_mm2 = bitten.volume.total_mm3() / bitten.thickness_mm;
                 let share = footprint_mm2 / (self.spec.width_mm * self.spec.length_mm);
-                self.spec.cutting_current_ma * share.min(1.0).sqrt() * pressed_mm / PRESSED_MM
+                let cutting_n = self.spec.cutting_current_ma * FEED_N_PER_MA;
+                cutting_n * share.min(1.0).sqrt() * pressed_mm / PRESSED_MM
             }
             _ => 0.0,
         };
-        blades_ma + tissue_ma
+        JawLoad {
+            spring_n: feed_mm.max(0.0) * SPRING_N_PER_MM,
+            bite_n: blades_n + tissue_n,
+        }
     }
 
     /// The feed is here now: cuts when it passes closed, lets go when it passes half open.
@@ -171,7 +178,7 @@ mod tests {
         (Jaw::new(&scenario.spec.jaw), knee, pose)
     }
 
-    /// Feeds to a position in steps of 0.1 mm; returns the events and the peak resistance.
+    /// Feeds to a position in steps of 0.1 mm; returns the events and the peak force between the blades.
     fn drive(
         jaw: &mut Jaw,
         knee: &mut Knee,
@@ -179,20 +186,20 @@ mod tests {
         from: f64,
         to: f64,
     ) -> (Vec<Event>, f64) {
-        let (mut events, mut peak_ma) = (Vec::new(), 0.0_f64);
+        let (mut events, mut peak_n) = (Vec::new(), 0.0_f64);
         for step in 0..=100 {
             let feed_mm = from + (to - from) * f64::from(step) / 100.0;
             jaw.look(pose, feed_mm, knee);
-            peak_ma = peak_ma.max(jaw.resistance_ma(feed_mm));
+            peak_n = peak_n.max(jaw.load(feed_mm).bite_n);
             events.extend(jaw.feed(feed_mm, pose, knee));
         }
-        (events, peak_ma)
+        (events, peak_n)
     }
 
     #[test]
     fn a_bite_cuts_once_and_lets_go_once() {
         let (mut jaw, mut knee, pose) = over_the_tear();
-        let (events, peak_ma) = drive(&mut jaw, &mut knee, pose, 0.0, 10.0);
+        let (events, peak_n) = drive(&mut jaw, &mut knee, pose, 0.0, 10.0);
         let [Event::Bit(volume)] = events[..] else {
             panic!("{events:?}")
         };
@@ -200,20 +207,20 @@ mod tests {
             volume.damaged_mm3 > 1.0 && volume.healthy_mm3 > 1.0,
             "{volume:?}"
         );
-        assert!(peak_ma > 100.0, "{peak_ma} mA");
+        assert!(peak_n > 35.0, "{peak_n} N");
         assert_eq!(jaw.held(), volume);
         let (events, _) = drive(&mut jaw, &mut knee, pose, 10.0, 0.0);
         assert_eq!(events, [Event::Released(volume)]);
-        let (events, peak_ma) = drive(&mut jaw, &mut knee, pose, 0.0, 10.0);
+        let (events, peak_n) = drive(&mut jaw, &mut knee, pose, 0.0, 10.0);
         assert_eq!(events, [Event::Bit(Volume::default())]);
-        assert!(peak_ma < 1.0, "an empty jaw asks for {peak_ma} mA");
+        assert!(peak_n < 1e-9, "an empty jaw presses with {peak_n} N");
     }
 
     #[test]
     fn a_jaw_that_does_not_close_cuts_nothing() {
         let (mut jaw, mut knee, pose) = over_the_tear();
-        let (events, peak_ma) = drive(&mut jaw, &mut knee, pose, 0.0, 8.9);
-        assert!(events.is_empty() && peak_ma > 100.0);
+        let (events, peak_n) = drive(&mut jaw, &mut knee, pose, 0.0, 8.9);
+        assert!(events.is_empty() && peak_n > 35.0);
         let (events, _) = drive(&mut jaw, &mut knee, pose, 8.9, 0.0);
         assert!(events.is_empty());
     }
@@ -221,7 +228,7 @@ mod tests {
     #[test]
     fn blades_pressed_on_each_other_stop_the_drive() {
         let (jaw, ..) = over_the_tear();
-        assert!(jaw.resistance_ma(10.0).abs() < 1e-9);
-        assert!(jaw.resistance_ma(10.5) > 900.0);
+        assert!(jaw.load(10.0).bite_n.abs() < 1e-9);
+        assert!(jaw.load(10.5).bite_n > 300.0);
     }
 }

@@ -3,8 +3,9 @@
 //!
 //! Everything is reached through the wires that a real cell has (RTDE, URScript, dashboard, CAN), and
 //! the camera and the referee through gRPC. One seed makes a whole case: [`scenario`]. The truth lives
-//! in [`cell`] and is pure; [`clock`] lets it pass. [`standalone`] is one controller without a cell.
+//! in [`cell`] and is pure; [`clock`] lets it pass. [`standalone`] is one device without a cell.
 
+pub mod bench;
 pub mod calibration_board;
 pub mod camera;
 pub mod cell;
@@ -30,6 +31,7 @@ use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::bench_service_server::BenchServiceServer;
 use arthro_proto::simulator::v1::camera_service_server::CameraServiceServer;
+use arthro_proto::simulator::v1::drive_fault_service_server::DriveFaultServiceServer;
 use arthro_proto::simulator::v1::fault_service_server::FaultServiceServer;
 use arthro_proto::simulator::v1::referee_service_server::RefereeServiceServer;
 use tonic::service::Routes;
@@ -40,7 +42,7 @@ use crate::clock::{Arm, Driven};
 use crate::config::ArmConfig;
 pub use crate::config::Config;
 pub use crate::error::Error;
-use crate::server::{BenchApi, CameraApi, FaultApi, Patient, RefereeApi};
+use crate::server::{BenchApi, CameraApi, DriveFaultApi, FaultApi, Patient, RefereeApi};
 
 /// The simulator as a server.
 #[derive(Debug)]
@@ -49,8 +51,7 @@ pub struct Server;
 impl Service for Server {
     const NAME: &'static str = "simulator";
     const DEFAULT_PORT: u16 = 50059;
-    const HELP_AFTER: &'static str =
-        "With `ur5` as first argument: one UR controller alone, see `arthro-simulator ur5 --help`.";
+    const HELP_AFTER: &'static str = "With `ur5` or `epos4` as first argument: one such device alone, see `arthro-simulator epos4 --help`.";
     type Config = Config;
 
     async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
@@ -84,6 +85,7 @@ impl Service for Server {
             links: Arc::clone(arm.servers.links()),
         });
         let faults = FaultApi::new(patients.collect());
+        let drive_faults = DriveFaultApi::new(Arc::clone(&bus));
         let options = clock::Options {
             time_scale: config.time_scale,
             client_wait: Duration::from_millis(config.client_wait_ms),
@@ -112,7 +114,8 @@ impl Service for Server {
         Ok(Routes::new(CameraServiceServer::new(camera))
             .add_service(BenchServiceServer::new(bench))
             .add_service(RefereeServiceServer::new(referee))
-            .add_service(FaultServiceServer::new(faults)))
+            .add_service(FaultServiceServer::new(faults))
+            .add_service(DriveFaultServiceServer::new(drive_faults)))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The camera, the bench, the referee and the faults over gRPC.
 
 mod calibration;
+mod drive_faults;
 mod faults;
 
 use std::pin::Pin;
@@ -24,6 +25,7 @@ use tokio_stream::Stream;
 use tonic::{Request, Response, Status};
 
 pub use self::calibration::BenchApi;
+pub use self::drive_faults::DriveFaultApi;
 pub use self::faults::{FaultApi, Patient};
 use crate::camera::{Camera, Picture};
 use crate::cell::{Account, Cell};

@@ -17,7 +17,7 @@ use arthro_proto::simulator::v1::{
     ListFaultsRequest, ListFaultsResponse, PacketDirection, SafeguardState, StopButton, UrService,
     VersionClaim, WaitForLinkFaultRequest,
 };
-use arthro_simulator::standalone::{Config, PortChoice, Standalone};
+use arthro_simulator::standalone::ur5::{Config, PortChoice, Standalone};
 use arthro_simulator::ur5;
 use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream};

@@ -88,7 +88,8 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
     let sample = state.sample;
     let statusword = sample.map_or(Statusword::default(), |sample| sample.statusword);
     let drive_state = sample.and_then(|sample| sample.statusword.state());
-    let (fault_reason, fault_detail) = match (&state.fault, &state.readiness) {
+    let fault = state.fault.as_ref();
+    let (fault_reason, fault_detail) = match (fault, &state.readiness) {
         (Some(fault), _) => (fault.reason.to_owned(), fault.detail.clone()),
         (None, Readiness::NotReady { detail, .. }) => ("AXIS_NOT_READY".to_owned(), detail.clone()),
         (None, Readiness::Ready) => Default::default(),
@@ -107,16 +108,8 @@ pub(super) fn axis_state(cell: &Cell, axis: Axis, snapshot: &Snapshot) -> proto:
         fault_reason,
         fault_detail,
         operation_id: state.operation_id.clone().unwrap_or_default(),
-        error_code: state
-            .fault
-            .as_ref()
-            .and_then(|fault| fault.code)
-            .unwrap_or_default()
-            .into(),
-        operator_response: state
-            .fault
-            .as_ref()
-            .map_or_else(String::new, |fault| fault.response.to_owned()),
+        error_code: fault.and_then(|fault| fault.code).map_or(0, u32::from),
+        operator_response: fault.map_or_else(String::new, |fault| fault.response.to_owned()),
         safe_torque_off: state.safe_torque_off,
         internal_limit: statusword.has(Statusword::INTERNAL_LIMIT),
         i2t_motor_percent: state.i2t.map(|i2t| i2t.motor_percent.into()),

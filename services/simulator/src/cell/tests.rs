@@ -25,7 +25,7 @@ impl Told {
         while (self.shafts_qc[FORCEPS_FEED] - to_mm * qc_per_mm).abs() > 1e-6 {
             cell.tick(joints_rad, |dt_s, _, mechanics| {
                 self.peak_load_ma = self.peak_load_ma.max(mechanics[FORCEPS_FEED].load_ma);
-                self.switch_seen |= mechanics[FORCEPS_FEED].negative_switch;
+                self.switch_seen |= mechanics[FORCEPS_FEED].inputs[0].actuated;
                 let step = 10.0 * qc_per_mm * dt_s;
                 let left = to_mm * qc_per_mm - self.shafts_qc[FORCEPS_FEED];
                 self.shafts_qc[FORCEPS_FEED] += left.clamp(-step, step);

@@ -1,5 +1,8 @@
 //! The bus with its drives and everybody else on it: puts frames in one order and carries the cell's time.
 
+mod faults;
+mod lock_step;
+
 use std::collections::{HashMap, VecDeque};
 use std::future::poll_fn;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,16 +10,22 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use epos4_link::bus::{CanBus, Error};
+use epos4_link::canopen::heartbeat;
 use epos4_link::frame::{Frame, Stamped};
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 
 use super::drives::Drives;
-use super::shaft::Mechanics;
+use super::fault::Fault;
+use super::mechanics::Mechanics;
 
 /// The bus. The cell ticks it; members send and hear.
 #[derive(Debug)]
 pub struct Bus {
     wire: Mutex<Wire>,
+    /// A heartbeat came, or a member left.
+    beat: Notify,
+    /// A fault came, went or met something.
+    changed: Notify,
 }
 
 /// One listener and sender. Leaves the bus when dropped.
@@ -39,8 +48,18 @@ pub struct Sender {
 struct Wire {
     drives: Drives,
     now_s: f64,
-    members: HashMap<u64, mpsc::Sender<Stamped>>,
+    members: HashMap<u64, Host>,
     next_number: u64,
+    /// Heartbeats are not waited for until the next one comes.
+    gave_up: bool,
+}
+
+/// A member as the bus sees it.
+#[derive(Debug)]
+struct Host {
+    heard: mpsc::Sender<Stamped>,
+    /// Its controller takes no part in the bus.
+    bus_off: bool,
 }
 
 /// A member that has this many frames unread is put off the bus.
@@ -55,9 +74,12 @@ impl Bus {
             now_s: 0.0,
             members: HashMap::new(),
             next_number: 0,
+            gave_up: false,
         };
         Arc::new(Self {
             wire: Mutex::new(wire),
+            beat: Notify::new(),
+            changed: Notify::new(),
         })
     }
 
@@ -67,6 +89,35 @@ impl Bus {
         wire.now_s = now_s;
         let frames = wire.drives.tick(dt_s, now_s, mechanics);
         wire.publish(&frames, None);
+        self.tell_changes(&mut wire);
+    }
+
+    /// The bus's clock, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.wire().now_s
+    }
+
+    /// Puts a member's frame on the bus; what the drives answer. A controller that is bus-off loses it.
+    fn put(&self, wire: &mut Wire, number: u64, frame: &Frame) -> Vec<Frame> {
+        if wire.members.get(&number).is_some_and(|host| host.bus_off) {
+            wire.drives.faults().meet(Fault::BusOff, 1);
+            return Vec::new();
+        }
+        wire.publish(&[*frame], Some(number));
+        let now_s = wire.now_s;
+        let answers = wire.drives.on_frame(frame, now_s);
+        if heartbeat::decode(frame).is_some() {
+            wire.gave_up = false;
+            self.beat.notify_waiters();
+        }
+        answers
+    }
+
+    fn tell_changes(&self, wire: &mut Wire) {
+        if wire.drives.faults().take_changed() {
+            self.changed.notify_waiters();
+        }
     }
 
     /// The true shafts, quadcounts, in the order of the drives.
@@ -98,7 +149,13 @@ impl Bus {
         let mut wire = self.wire();
         let number = wire.next_number;
         wire.next_number += 1;
-        wire.members.insert(number, sender);
+        wire.members.insert(
+            number,
+            Host {
+                heard: sender,
+                bus_off: false,
+            },
+        );
         Member {
             sender: Sender {
                 bus: Arc::clone(self),
@@ -116,21 +173,22 @@ impl Bus {
 }
 
 impl Wire {
-    fn stamp(&self) -> Duration {
-        Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
-    }
-
     /// Shows frames to every member but their sender.
     fn publish(&mut self, frames: &[Frame], sender: Option<u64>) {
         let stamp = self.stamp();
-        self.members.retain(|number, member| {
+        let mut kept_back = 0;
+        self.members.retain(|number, host| {
+            if host.bus_off {
+                kept_back += frames.len() as u64;
+                return true;
+            }
             let others = frames.iter().filter(|_| sender != Some(*number));
             let kept = others
                 .map(|frame| Stamped {
                     frame: *frame,
                     stamp,
                 })
-                .all(|frame| member.try_send(frame).is_ok());
+                .all(|frame| host.heard.try_send(frame).is_ok());
             if !kept {
                 tracing::warn!(
                     member = number,
@@ -140,6 +198,13 @@ impl Wire {
             }
             kept
         });
+        if kept_back > 0 {
+            self.drives.faults().meet(Fault::BusOff, kept_back);
+        }
+    }
+
+    fn stamp(&self) -> Duration {
+        Duration::try_from_secs_f64(self.now_s).unwrap_or_default()
     }
 }
 
@@ -147,10 +212,9 @@ impl Sender {
     /// Puts a frame on the bus. Everybody else hears it, then the drives' answers, which this member hears too.
     pub fn send(&self, frame: &Frame) {
         let mut wire = self.bus.wire();
-        wire.publish(&[*frame], Some(self.number));
-        let now_s = wire.now_s;
-        let answers = wire.drives.on_frame(frame, now_s);
+        let answers = self.bus.put(&mut wire, self.number, frame);
         wire.publish(&answers, None);
+        self.bus.tell_changes(&mut wire);
     }
 }
 
@@ -180,10 +244,9 @@ impl CanBus for Member {
             wire.members.remove(&number);
             return Err(put_off());
         }
-        wire.publish(&[frame], Some(number));
-        let now_s = wire.now_s;
-        let answers = wire.drives.on_frame(&frame, now_s);
+        let answers = self.sender.bus.put(&mut wire, number, &frame);
         wire.publish(&answers, Some(number));
+        self.sender.bus.tell_changes(&mut wire);
         let stamp = wire.stamp();
         let answers = answers.into_iter().map(|frame| Stamped { frame, stamp });
         self.earlier.extend(answers);
@@ -206,5 +269,6 @@ fn put_off() -> Error {
 impl Drop for Member {
     fn drop(&mut self) {
         self.sender.bus.wire().members.remove(&self.sender.number);
+        self.sender.bus.beat.notify_waiters();
     }
 }

@@ -1,17 +1,23 @@
 //! The drive proper: the CiA 402 state machine, the modes, and the shaft they turn.
 
 mod modes;
+mod transitions;
 
 use epos4_link::cia402::{Command, HALT, State, Statusword, homing, profile_position};
 
 use self::modes::Mode;
-use super::faults::{Reaction, code};
+use self::transitions::Stopping;
+use super::defects::Drivetrain;
+use super::errors::code;
 use super::homing::Homing;
 use super::inputs::{Inputs, Switch};
+use super::interpolation::Interpolation;
+use super::mechanics::Mechanics;
 use super::objects::Power;
 use super::parameters::Parameters;
 use super::positioning::{Positioning, Taken};
-use super::shaft::{Mechanics, Motor, Shaft};
+use super::shaft::{Motor, Shaft};
+use super::thermal::Thermal;
 use super::trajectory::Trajectory;
 
 /// State machine, mode and shaft.
@@ -25,7 +31,9 @@ pub struct Drive {
     trajectory: Trajectory,
     positioning: Positioning,
     homing: Homing,
+    interpolation: Interpolation,
     shaft: Shaft,
+    thermal: Thermal,
     motor: Motor,
     /// Where the true shaft stands at position 0.
     origin_qc: f64,
@@ -34,16 +42,8 @@ pub struct Drive {
     following_error: bool,
 }
 
-/// A ramp to standstill.
-#[derive(Clone, Copy, Debug)]
-struct Stopping {
-    /// The state when the shaft stands; none stays, as after a quick stop.
-    then: Option<State>,
-    deceleration_qc_s2: f64,
-    standing_s: f64,
-    waited_s: f64,
-}
-
+/// The homing method that takes the present position; without power it does so at once.
+const PRESENT_POSITION: i64 = 37;
 /// The drive's own control cycle, s.
 const CYCLE_S: f64 = 0.0004;
 
@@ -59,10 +59,9 @@ impl Drive {
             trajectory: Trajectory::standing_at(position_qc),
             positioning: Positioning::default(),
             homing: Homing::default(),
-            shaft: Shaft {
-                position_qc,
-                ..Shaft::default()
-            },
+            interpolation: Interpolation::default(),
+            shaft: Shaft::at(position_qc),
+            thermal: Thermal::default(),
             motor,
             origin_qc: position_qc,
             referenced: false,
@@ -75,6 +74,7 @@ impl Drive {
     pub fn restart(&mut self) {
         *self = Self {
             shaft: self.shaft,
+            thermal: self.thermal,
             ..Self::new(self.shaft.position_qc, self.motor)
         };
     }
@@ -89,6 +89,11 @@ impl Drive {
     #[must_use]
     pub fn shaft(&self) -> &Shaft {
         &self.shaft
+    }
+
+    /// How warm motor and power stage are.
+    pub fn thermal(&mut self) -> &mut Thermal {
+        &mut self.thermal
     }
 
     /// The demand.
@@ -145,7 +150,7 @@ impl Drive {
             (Statusword::TARGET_REACHED, bit_10),
             (
                 Statusword::INTERNAL_LIMIT,
-                self.power() == Power::On && self.shaft.limited,
+                self.power() == Power::On && (self.shaft.limited || self.thermal.limits()),
             ),
             (1 << 12, bit_12),
             (1 << 13, bit_13),
@@ -164,6 +169,7 @@ impl Drive {
         self.mode = mode;
         self.positioning = Positioning::default();
         self.homing = Homing::default();
+        self.interpolation = Interpolation::default();
     }
 
     /// Obeys a controlword. Tells whether errors are to be acknowledged, or which error it causes.
@@ -179,10 +185,19 @@ impl Drive {
             return Control::AcknowledgeErrors;
         }
         self.obey(command, parameters);
+        let rising = controlword & !previous;
+        if self.mode == Mode::Homing
+            && self.power() == Power::Off
+            && rising & homing::START != 0
+            && parameters.homing.method == PRESENT_POSITION
+        {
+            self.origin_qc = self.shaft.position_qc - parameters.homing.position_qc;
+            self.referenced = true;
+            self.homing.attain();
+        }
         if self.state != State::OperationEnabled || self.stopping.is_some() {
             return Control::Done;
         }
-        let rising = controlword & !previous;
         match self.mode {
             Mode::ProfilePosition => {
                 self.positioning.on_controlword(controlword);
@@ -214,61 +229,25 @@ impl Drive {
         Control::Done
     }
 
-    /// Answers an error.
-    pub fn react(&mut self, reaction: Reaction, parameters: &Parameters) {
-        if matches!(self.state, State::Fault) {
-            return;
-        }
-        self.homing.fail();
-        let deceleration_qc_s2 = match (
-            reaction,
-            parameters.fault_reaction_option,
-            parameters.abort_connection_option,
-        ) {
-            (Reaction::Disable, _, _)
-            | (Reaction::FaultOption, 0, _)
-            | (Reaction::AbortConnection, _, 2) => None,
-            (Reaction::FaultOption, 1, _) => Some(parameters.profile.deceleration_qc_s2),
-            (Reaction::FaultOption | Reaction::AbortConnection, _, _) => {
-                Some(parameters.quick_stop_qc_s2)
-            }
-        };
-        match deceleration_qc_s2.filter(|_| self.power() == Power::On) {
-            Some(deceleration_qc_s2) => {
-                self.state = State::FaultReactionActive;
-                self.brake(deceleration_qc_s2, Some(State::Fault));
-            }
-            None => self.enter(State::Fault),
-        }
-    }
-
-    /// Answers the end of the communication, which is no error: NMT stop and resets.
-    pub fn abort_connection(&mut self, parameters: &Parameters) {
-        if self.power() == Power::Off {
-            self.enter(match self.state {
-                State::Fault => State::Fault,
-                _ => State::SwitchOnDisabled,
-            });
-        } else if parameters.abort_connection_option == 2 {
-            self.enter(State::SwitchOnDisabled);
-        } else if self.state != State::FaultReactionActive {
-            self.brake(parameters.quick_stop_qc_s2, Some(State::SwitchOnDisabled));
-        }
-    }
-
     /// Makes the position worthless, as an encoder error does.
     pub fn lose_reference(&mut self) {
         self.referenced = false;
     }
 
     /// Lets time pass, cycle by cycle; the errors that appeared. Nothing happens in no time.
-    pub fn step(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        parameters: &Parameters,
+        mechanics: &Mechanics,
+        drivetrain: Drivetrain,
+    ) -> Vec<u16> {
         let cycles = (dt_s / CYCLE_S).ceil();
         let cycle_s = dt_s / cycles;
         let mut errors = Vec::new();
         for _ in 0..cycles as usize {
-            for error in self.cycle(cycle_s, parameters, mechanics) {
-                self.react(super::faults::effect(error).1, parameters);
+            for error in self.cycle(cycle_s, parameters, mechanics, drivetrain) {
+                self.react(super::errors::effect(error).1, parameters);
                 if !errors.contains(&error) {
                     errors.push(error);
                 }
@@ -277,17 +256,29 @@ impl Drive {
         errors
     }
 
-    fn cycle(&mut self, dt_s: f64, parameters: &Parameters, mechanics: &Mechanics) -> Vec<u16> {
+    fn cycle(
+        &mut self,
+        dt_s: f64,
+        parameters: &Parameters,
+        mechanics: &Mechanics,
+        drivetrain: Drivetrain,
+    ) -> Vec<u16> {
         let inputs_before =
             std::mem::replace(&mut self.inputs, Inputs::read(mechanics, parameters));
+        self.obey_inputs(parameters);
         let order = self.order(parameters, dt_s);
         self.shaft.cycle(
             order,
-            parameters.current_limit_ma,
+            self.thermal.limit_ma(parameters),
             &self.motor,
-            mechanics,
+            (mechanics, drivetrain),
             dt_s,
         );
+        self.thermal.cycle(self.shaft.current_ma, parameters, dt_s);
+        // The count has left the range of 0x6064.
+        if (self.shaft.position_qc - self.origin_qc).abs() > f64::from(i32::MAX) {
+            self.referenced = false;
+        }
         if self.power() == Power::Off {
             self.trajectory = Trajectory::standing_at(self.shaft.position_qc);
         }
@@ -303,102 +294,6 @@ impl Drive {
         errors.extend(self.limit_switch_error(inputs_before));
         errors.extend(self.software_limit_error(parameters));
         errors
-    }
-
-    fn obey(&mut self, command: Command, parameters: &Parameters) {
-        use State::{
-            OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
-        };
-        match (command, self.state) {
-            (
-                Command::DisableVoltage,
-                ReadyToSwitchOn | SwitchedOn | OperationEnabled | QuickStopActive,
-            )
-            | (Command::QuickStop, ReadyToSwitchOn | SwitchedOn) => self.enter(SwitchOnDisabled),
-            (Command::QuickStop, OperationEnabled) => {
-                self.homing.interrupt();
-                self.state = QuickStopActive;
-                self.brake(parameters.quick_stop_qc_s2, None);
-            }
-            (Command::Shutdown, SwitchOnDisabled | SwitchedOn) => self.enter(ReadyToSwitchOn),
-            (Command::Shutdown, OperationEnabled) if parameters.shutdown_option == 0 => {
-                self.enter(ReadyToSwitchOn)
-            }
-            (Command::Shutdown, OperationEnabled) => {
-                self.brake(parameters.profile.deceleration_qc_s2, Some(ReadyToSwitchOn));
-            }
-            (Command::SwitchOn, ReadyToSwitchOn) => self.enter(SwitchedOn),
-            (Command::SwitchOn, OperationEnabled) if parameters.disable_option == 0 => {
-                self.enter(SwitchedOn)
-            }
-            (Command::SwitchOn, OperationEnabled) => {
-                self.brake(parameters.profile.deceleration_qc_s2, Some(SwitchedOn));
-            }
-            // From READY_TO_SWITCH_ON it passes SWITCHED_ON by itself.
-            (Command::EnableOperation, ReadyToSwitchOn | SwitchedOn | QuickStopActive) => {
-                self.enter(OperationEnabled)
-            }
-            _ => {}
-        }
-    }
-
-    /// Enters a state with nothing left of the motion before.
-    fn enter(&mut self, state: State) {
-        if state == State::OperationEnabled {
-            self.trajectory = match self.state {
-                State::QuickStopActive => self.trajectory,
-                _ => Trajectory::standing_at(self.shaft.position_qc),
-            };
-        }
-        self.state = state;
-        self.stopping = None;
-        self.positioning = Positioning::default();
-        if state != State::OperationEnabled {
-            self.homing.interrupt();
-        }
-    }
-
-    /// Starts a ramp to standstill from what the shaft really does.
-    fn brake(&mut self, deceleration_qc_s2: f64, then: Option<State>) {
-        if self.stopping.is_some_and(|stopping| stopping.then == then) {
-            return;
-        }
-        self.trajectory = Trajectory {
-            position_qc: self.shaft.position_qc,
-            speed_qc_s: self.shaft.speed_qc_s,
-            acceleration_qc_s2: 0.0,
-        };
-        self.stopping = Some(Stopping {
-            then,
-            deceleration_qc_s2,
-            standing_s: 0.0,
-            waited_s: 0.0,
-        });
-    }
-
-    fn finish_stopping(&mut self, parameters: &Parameters, dt_s: f64) {
-        let (shaft, trajectory) = (&self.shaft, &self.trajectory);
-        let Some(stopping) = self
-            .stopping
-            .as_mut()
-            .filter(|_| trajectory.speed_qc_s == 0.0)
-        else {
-            return;
-        };
-        let standstill = parameters.standstill;
-        let stands = shaft.speed_qc_s.abs() <= standstill.window_qc_s;
-        stopping.standing_s = if stands {
-            stopping.standing_s + dt_s
-        } else {
-            0.0
-        };
-        stopping.waited_s += dt_s;
-        if stopping.standing_s < standstill.time_s && stopping.waited_s < standstill.timeout_s {
-            return;
-        }
-        if let Some(state) = stopping.then {
-            self.enter(state);
-        }
     }
 
     /// An error when a switch becomes active, or when a motion goes on into an active one: the way out stays free.

@@ -74,6 +74,14 @@ impl Homing {
         };
     }
 
+    /// The present position was taken without a search.
+    pub fn attain(&mut self) {
+        *self = Self {
+            status: Status::Attained,
+            ..Self::default()
+        };
+    }
+
     /// Ends a search on request.
     pub fn interrupt(&mut self) {
         if self.status == Status::Running {
@@ -94,14 +102,15 @@ impl Homing {
         self.status == Status::Running && self.switches.contains(&switch)
     }
 
-    /// One cycle; when the home point is reached, where the true shaft stands at position 0 from now on.
+    /// One cycle; when the home point is reached, where the shaft stands at position 0 from now on. An encoder without
+    /// index has no spacing of it: it is searched for ever.
     pub fn cycle(
         &mut self,
         trajectory: &mut Trajectory,
         shaft: &Shaft,
         inputs: Inputs,
         parameters: &HomingParameters,
-        index_spacing_qc: f64,
+        index_spacing_qc: Option<f64>,
         dt_s: f64,
     ) -> Option<f64> {
         let from_qc = std::mem::replace(&mut self.last_position_qc, shaft.position_qc);
@@ -118,16 +127,16 @@ impl Homing {
         };
         match *self.legs.front()? {
             Leg::ToSwitch(direction, switch) => {
-                if inputs.is_active(switch) {
+                if inputs.finds(switch) {
                     self.legs.pop_front();
-                } else if switch == Switch::Home && inputs.is_active(direction.limit()) {
+                } else if switch == Switch::Home && inputs.finds(direction.limit()) {
                     self.search_home_the_other_way(direction);
                 } else {
                     run(direction, parameters.switch_search);
                 }
             }
             Leg::OffSwitch(direction, switch) => {
-                let active = inputs.is_active(switch);
+                let active = inputs.finds(switch);
                 if self.on_switch && !active {
                     // The first whole quadcount off the switch.
                     let edge_qc = direction.sign() * (direction.sign() * shaft.position_qc).ceil();
@@ -271,7 +280,13 @@ impl Leg {
 }
 
 /// The encoder's index, once a motor turn, if the shaft passed one in this direction.
-fn index_between(from_qc: f64, to_qc: f64, spacing_qc: f64, direction: Direction) -> Option<f64> {
+fn index_between(
+    from_qc: f64,
+    to_qc: f64,
+    spacing_qc: Option<f64>,
+    direction: Direction,
+) -> Option<f64> {
+    let spacing_qc = spacing_qc?;
     let (from, to) = (from_qc / spacing_qc, to_qc / spacing_qc);
     match direction {
         Direction::Positive if to.floor() > from.floor() => Some(to.floor() * spacing_qc),

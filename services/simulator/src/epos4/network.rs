@@ -25,6 +25,9 @@ struct Watch {
     entry: i64,
     /// Unset while the entry is off.
     watched: Option<(u8, Consumer)>,
+    timeout_s: f64,
+    /// When the last heartbeat came, until it is missed.
+    heard_s: Option<f64>,
 }
 
 /// The cell's clock is a sum of steps.
@@ -72,15 +75,23 @@ impl Network {
 
     /// Takes a heartbeat of another node.
     pub fn on_heartbeat(&mut self, from: u8, state: State, now_s: f64) {
-        for (node_id, consumer) in self
-            .consumers
-            .iter_mut()
-            .filter_map(|watch| watch.watched.as_mut())
-        {
-            if *node_id == from {
+        for watch in &mut self.consumers {
+            if let Some((node_id, consumer)) = &mut watch.watched
+                && *node_id == from
+            {
                 consumer.on_heartbeat(state, stamp(now_s));
+                watch.heard_s = Some(now_s);
             }
         }
+    }
+
+    /// How long until a heartbeat that is waited for counts as missed; none when none is.
+    #[must_use]
+    pub fn patience_s(&self, now_s: f64) -> Option<f64> {
+        self.consumers
+            .iter()
+            .filter_map(|watch| Some(watch.heard_s? + watch.timeout_s - now_s))
+            .reduce(f64::min)
     }
 
     /// Boot-up message or heartbeat, when due.
@@ -116,7 +127,11 @@ impl Network {
                 *watch = Watch::of(entry);
             }
             if let Some((_, consumer)) = &mut watch.watched {
-                lost |= matches!(consumer.on_time(stamp(now_s)), Some(Event::Lost { .. }));
+                let missed = matches!(consumer.on_time(stamp(now_s)), Some(Event::Lost { .. }));
+                if missed {
+                    watch.heard_s = None;
+                }
+                lost |= missed;
             }
         }
         lost
@@ -129,7 +144,12 @@ impl Watch {
         let (node_id, timeout_ms) = ((entry >> 16 & 0x7F) as u8, (entry & 0xFFFF) as u64);
         let watched = (node_id != 0 && timeout_ms != 0)
             .then(|| (node_id, Consumer::new(Duration::from_millis(timeout_ms))));
-        Self { entry, watched }
+        Self {
+            entry,
+            watched,
+            timeout_s: timeout_ms as f64 / 1000.0,
+            heard_s: None,
+        }
     }
 }
 

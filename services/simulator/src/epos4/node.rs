@@ -1,22 +1,26 @@
 //! One simulated EPOS4: everything that it answers on the bus, and its shaft.
 
-use epos4_link::canopen::emcy::Emergency;
+mod device;
+
+use std::collections::BTreeMap;
+
 use epos4_link::canopen::heartbeat;
 use epos4_link::canopen::nmt::{self, Command, State as NmtState};
 use epos4_link::canopen::object::Address;
-use epos4_link::canopen::sdo::server::{Dictionary, Length, Server};
-use epos4_link::canopen::sdo::{AbortCode, request_cob_id, response_cob_id};
+use epos4_link::canopen::sdo::server::Server;
+use epos4_link::canopen::sdo::{request_cob_id, response_cob_id};
 use epos4_link::cia402::State;
 use epos4_link::frame::Frame;
 
-use super::drive::{Control, Drive};
-use super::faults::{self, Faults};
-use super::inputs;
+use self::device::Device;
+use super::defects::Defects;
+use super::drive::Drive;
+use super::errors;
+use super::mechanics::Mechanics;
 use super::network::Network;
-use super::objects::{Objects, Power};
-use super::parameters::Parameters;
+use super::objects::Objects;
 use super::pdo::{self, Occasion, Received, TransmitPdos};
-use super::shaft::{Mechanics, Motor};
+use super::shaft::Motor;
 use epos4_link::objects;
 
 /// What distinguishes one drive from another.
@@ -42,21 +46,11 @@ pub struct Node {
     sdo: Server,
     transmit: TransmitPdos,
     device: Device,
+    /// What arrived of the mechanism in the last step.
     mechanics: Mechanics,
-}
-
-/// What an SDO request reads and writes: the node without its SDO server.
-#[derive(Debug)]
-struct Device {
-    objects: Objects,
-    /// The revision of the objects of which they are a snapshot.
-    parameters: (u64, Parameters),
-    drive: Drive,
-    faults: Faults,
-    /// Whether the network lets the drive be commanded: statusword bit 9.
-    remote: bool,
-    /// Emergencies not yet on the bus.
-    emergencies: Vec<Emergency>,
+    /// Process data that wait for SYNC, by number.
+    awaiting_sync: BTreeMap<u16, Vec<(Address, Vec<u8>)>>,
+    supplied: bool,
 }
 
 const SYNC_COB_ID: u16 = 0x080;
@@ -80,7 +74,7 @@ impl NodeConfig {
                 (objects::GEAR_NUMERATOR.address, 21),
                 (objects::GEAR_DENOMINATOR.address, 1),
                 (objects::NOMINAL_CURRENT.address, 500),
-                (objects::OUTPUT_CURRENT_LIMIT.address, 1000),
+                (objects::OUTPUT_CURRENT_LIMIT.address, 800),
             ],
         }
     }
@@ -98,15 +92,10 @@ impl Node {
             network: Network::new(),
             sdo: Server::default(),
             transmit: TransmitPdos::default(),
-            device: Device {
-                parameters: (objects.revision(), Parameters::of(&objects)),
-                objects,
-                drive: Drive::new(config.position_qc, config.motor),
-                faults: Faults::default(),
-                remote: false,
-                emergencies: Vec::new(),
-            },
+            device: Device::new(objects, Drive::new(config.position_qc, config.motor)),
             mechanics: Mechanics::default(),
+            awaiting_sync: BTreeMap::new(),
+            supplied: true,
         }
     }
 
@@ -116,16 +105,69 @@ impl Node {
         self.node_id
     }
 
-    /// Where the true shaft is, quadcounts. What the drive counts (0x6064) differs by its reference.
+    /// Where the mechanism truly is, quadcounts of the shaft that turns it. What the drive counts (0x6064) differs by its
+    /// reference, and by what belt and encoder lost.
     #[must_use]
     pub fn position_quadcounts(&self) -> f64 {
-        self.device.drive.shaft().position_qc
+        self.device.drive.shaft().mechanism_qc()
+    }
+
+    /// The true speed of the motor, quadcounts a second, signed.
+    #[must_use]
+    pub fn speed_quadcounts_s(&self) -> f64 {
+        self.device.drive.shaft().rotor_qc_s()
+    }
+
+    /// The true force at the tool, N: of a feed between its blades.
+    #[must_use]
+    pub fn tool_force_n(&self) -> f64 {
+        self.mechanics.tool_force_n
+    }
+
+    /// Whether it is supplied with power.
+    #[must_use]
+    pub fn is_supplied(&self) -> bool {
+        self.supplied
+    }
+
+    /// Its state on the network.
+    #[must_use]
+    pub fn network_state(&self) -> NmtState {
+        self.network.state()
+    }
+
+    /// Takes the supply away, or gives it back: then it boots as after power-up. Without it the motor is free.
+    pub fn supply(&mut self, supplied: bool) {
+        if supplied == self.supplied {
+            return;
+        }
+        self.supplied = supplied;
+        self.device.restart();
+        self.network = Network::new();
+        self.sdo = Server::default();
+        self.awaiting_sync.clear();
+    }
+
+    /// What is wrong with it from now on.
+    pub fn suffer(&mut self, defects: Defects) {
+        self.device.defects = defects;
+    }
+
+    /// Makes the motor as warm as this in its I2t model, %.
+    pub fn heat_motor(&mut self, level_percent: f64) {
+        self.device.drive.thermal().heat_motor(level_percent);
     }
 
     /// The true current, mA, signed.
     #[must_use]
     pub fn current_ma(&self) -> f64 {
         self.device.drive.shaft().current_ma
+    }
+
+    /// How long until a heartbeat that the drive expects counts as missed; none when it expects none.
+    #[must_use]
+    pub fn patience_s(&self, now_s: f64) -> Option<f64> {
+        self.network.patience_s(now_s)
     }
 
     /// The CiA 402 state.
@@ -136,7 +178,7 @@ impl Node {
 
     /// A frame of another node or of the master was on the bus; what this node answers.
     pub fn on_frame(&mut self, frame: &Frame, now_s: f64) -> Vec<Frame> {
-        if self.network.state() == NmtState::BootUp {
+        if !self.supplied || self.network.state() == NmtState::BootUp {
             return Vec::new();
         }
         if let Some((command, target)) = nmt::decode(frame) {
@@ -150,7 +192,12 @@ impl Node {
             return Vec::new();
         }
         match frame.cob_id() {
-            Some(SYNC_COB_ID) => self.outgoing(Occasion::Sync, now_s),
+            Some(SYNC_COB_ID) => {
+                for (_, received) in std::mem::take(&mut self.awaiting_sync) {
+                    self.device.receive(received);
+                }
+                self.outgoing(Occasion::Sync, now_s)
+            }
             Some(cob_id) if cob_id == request_cob_id(self.node_id) => self.answer_sdo(frame, now_s),
             _ if self.network.state() == NmtState::Operational => self.receive_pdo(frame, now_s),
             _ => Vec::new(),
@@ -159,18 +206,27 @@ impl Node {
 
     /// Lets time pass up to `now_s`; what this node sends by itself.
     pub fn step(&mut self, dt_s: f64, now_s: f64, mechanics: &Mechanics) -> Vec<Frame> {
-        self.mechanics = *mechanics;
+        self.mechanics = self.device.defects.wired(mechanics);
+        let drivetrain = self.device.defects.drivetrain;
+        let parameters = self.device.parameters();
+        if !self.supplied {
+            self.device
+                .drive
+                .step(dt_s, &parameters, &self.mechanics, drivetrain);
+            return Vec::new();
+        }
         let mut frames: Vec<Frame> = self
             .network
             .due(self.node_id, &self.device.objects, now_s)
             .into_iter()
             .collect();
-        let parameters = self.device.parameters();
-        for code in self.device.drive.step(dt_s, &parameters, mechanics) {
+        let drive = &mut self.device.drive;
+        for code in drive.step(dt_s, &parameters, &self.mechanics, drivetrain) {
             self.device.announce(code);
         }
+        self.device.supervise(dt_s);
         if self.network.lost_a_heartbeat(&self.device.objects, now_s) {
-            self.device.raise(faults::code::HEARTBEAT);
+            self.device.raise(errors::code::HEARTBEAT);
             self.network.on_communication_error(&self.device.objects);
         }
         frames.extend(self.outgoing(Occasion::Event, now_s));
@@ -196,6 +252,7 @@ impl Node {
             Command::ResetNode => {
                 self.device.restart();
                 self.sdo = Server::default();
+                self.awaiting_sync.clear();
             }
             Command::Start | Command::EnterPreOperational => {}
         }
@@ -236,166 +293,19 @@ impl Node {
         frames
     }
 
-    /// The controlword acts last, on the targets that came with it.
     fn receive_pdo(&mut self, frame: &Frame, now_s: f64) -> Vec<Frame> {
         match pdo::receive(frame, &self.device.objects) {
             None => return Vec::new(),
             Some(Received::TooShort) => {
-                self.device.raise(faults::code::PDO_LENGTH);
+                self.device.raise(errors::code::PDO_LENGTH);
                 self.network.on_communication_error(&self.device.objects);
             }
-            Some(Received::Objects(mut received)) => {
-                received.sort_by_key(|(address, _)| *address == objects::CONTROLWORD.address);
-                for (address, bytes) in received {
-                    if let Err(code) = self.device.write(address, &bytes, Length::Given) {
-                        tracing::debug!(node = self.node_id, object = %address, %code, "process data refused");
-                    }
-                }
+            Some(Received::Objects(received)) => self.device.receive(received),
+            Some(Received::OnSync(number, received)) => {
+                self.awaiting_sync.insert(number, received);
             }
         }
         self.outgoing(Occasion::Event, now_s)
-    }
-}
-
-impl Device {
-    /// The parameters in force.
-    fn parameters(&mut self) -> Parameters {
-        let revision = self.objects.revision();
-        if self.parameters.0 != revision {
-            self.parameters = (revision, Parameters::of(&self.objects));
-        }
-        self.parameters.1.clone()
-    }
-
-    /// Puts an error into register and history, and reacts.
-    fn raise(&mut self, code: u16) {
-        let parameters = self.parameters();
-        self.announce(code);
-        self.drive.react(faults::effect(code).1, &parameters);
-    }
-
-    /// Puts an error to which the drive has reacted into register and history.
-    fn announce(&mut self, code: u16) {
-        if faults::loses_reference(code) {
-            self.drive.lose_reference();
-        }
-        self.emergencies
-            .extend(self.faults.raise(code, &mut self.objects));
-    }
-
-    fn control(&mut self, controlword: u16) {
-        let parameters = self.parameters();
-        match self.drive.control(controlword, &parameters) {
-            Control::Done => {}
-            Control::AcknowledgeErrors => self
-                .emergencies
-                .extend(self.faults.reset(&mut self.objects)),
-            Control::Raise(code) => self.raise(code),
-        }
-    }
-
-    fn abort_connection(&mut self) {
-        let parameters = self.parameters();
-        self.drive.abort_connection(&parameters);
-    }
-
-    fn restart(&mut self) {
-        self.objects.restart();
-        self.drive.restart();
-        self.faults = Faults::default();
-        self.emergencies.clear();
-    }
-
-    /// Brings the objects that show the drive's state up to date.
-    fn publish(&mut self, mechanics: &Mechanics) {
-        let parameters = self.parameters();
-        let (shaft, demand) = (*self.drive.shaft(), *self.drive.trajectory());
-        let position_qc = self.drive.counted_qc(shaft.position_qc);
-        let rpm = |speed_qc_s: f64| (speed_qc_s / parameters.qc_s_per_rpm).round() as i64;
-        let nominal_ma = self.objects.get(objects::NOMINAL_CURRENT.address).max(1) as f64;
-        let per_mille = |current_ma: f64| {
-            (current_ma / nominal_ma * 1000.0)
-                .round()
-                .clamp(-32_768.0, 32_767.0) as i64
-        };
-        let values = [
-            (
-                objects::STATUSWORD.address,
-                i64::from(self.drive.statusword(&parameters, self.remote)),
-            ),
-            (
-                objects::MODES_OF_OPERATION_DISPLAY.address,
-                self.drive.mode_code(),
-            ),
-            (objects::POSITION_ACTUAL.address, position_qc),
-            (objects::SENSOR_POSITION.address, position_qc),
-            (
-                objects::POSITION_DEMAND.address,
-                self.drive.counted_qc(demand.position_qc),
-            ),
-            (
-                objects::FOLLOWING_ERROR.address,
-                (demand.position_qc - shaft.position_qc).round() as i64,
-            ),
-            (objects::VELOCITY_DEMAND.address, rpm(demand.speed_qc_s)),
-            (objects::VELOCITY_ACTUAL.address, rpm(shaft.speed_qc_s)),
-            (objects::SENSOR_VELOCITY.address, rpm(shaft.speed_qc_s)),
-            (
-                objects::VELOCITY_AVERAGED.address,
-                rpm(shaft.speed_averaged_qc_s),
-            ),
-            (
-                objects::CURRENT_DEMAND.address,
-                shaft.current_ma.round() as i64,
-            ),
-            (
-                objects::CURRENT_ACTUAL.address,
-                shaft.current_ma.round() as i64,
-            ),
-            (
-                objects::CURRENT_AVERAGED.address,
-                shaft.current_averaged_ma.round() as i64,
-            ),
-            (objects::TORQUE_ACTUAL.address, per_mille(shaft.current_ma)),
-            (
-                objects::TORQUE_AVERAGED.address,
-                per_mille(shaft.current_averaged_ma),
-            ),
-            (
-                objects::INPUT_LEVELS.address,
-                i64::from(inputs::levels(mechanics)),
-            ),
-            (
-                objects::DIGITAL_INPUTS.address,
-                i64::from(self.drive.inputs().0),
-            ),
-        ];
-        for (address, value) in values {
-            self.objects.set(address, value);
-        }
-    }
-}
-
-impl Dictionary for Device {
-    fn read(&mut self, address: Address) -> Result<Vec<u8>, AbortCode> {
-        self.objects.read(address)
-    }
-
-    fn write(&mut self, address: Address, data: &[u8], length: Length) -> Result<(), AbortCode> {
-        let power: Power = self.drive.power();
-        self.objects.write(address, data, length, power)?;
-        const CONTROLWORD: Address = objects::CONTROLWORD.address;
-        const MODES_OF_OPERATION: Address = objects::MODES_OF_OPERATION.address;
-        const ERROR_HISTORY_COUNT: Address = objects::ERROR_HISTORY_COUNT.address;
-        match address {
-            CONTROLWORD => self.control(self.objects.get(objects::CONTROLWORD.address) as u16),
-            MODES_OF_OPERATION => self
-                .drive
-                .set_mode(self.objects.get(objects::MODES_OF_OPERATION.address)),
-            ERROR_HISTORY_COUNT => faults::clear_history(&mut self.objects),
-            _ => {}
-        }
-        Ok(())
     }
 }
 

@@ -34,10 +34,22 @@ pub struct Parameters {
     pub target_position_qc: f64,
     /// 0x60FF.
     pub target_speed_qc_s: f64,
-    /// 0x6071 as a current.
+    /// 0x6071 and 0x60B2 as a current.
     pub target_current_ma: f64,
+    /// 0x60B0, for the cyclic position mode.
+    pub position_offset_qc: f64,
+    /// 0x60B1, for the cyclic velocity mode.
+    pub speed_offset_qc_s: f64,
+    /// 0x60C2; 0 takes each target of the cyclic position mode at once.
+    pub interpolation_period_s: f64,
+    /// 0x3001:01.
+    pub nominal_current_ma: f64,
     /// 0x3001:02.
     pub current_limit_ma: f64,
+    /// 0x3001:04.
+    pub thermal_time_constant_s: f64,
+    /// Whether the encoder has an index, 0x3010:02.
+    pub has_index: bool,
     /// When the shaft counts as standing.
     pub standstill: Standstill,
     /// Homing.
@@ -143,10 +155,17 @@ impl Parameters {
                 .clamp(-max_speed_rpm, max_speed_rpm)
                 * qc_s_per_rpm,
             // per mille of uNm, over uNm/A, is mA
-            target_current_ma: number(objects::TARGET_TORQUE.address)
+            target_current_ma: (number(objects::TARGET_TORQUE.address)
+                + number(objects::TORQUE_OFFSET.address))
                 * number(objects::RATED_TORQUE.address)
                 / torque_constant_unm_a,
+            position_offset_qc: number(objects::POSITION_OFFSET.address),
+            speed_offset_qc_s: number(objects::VELOCITY_OFFSET.address) * qc_s_per_rpm,
+            interpolation_period_s: seconds(objects::INTERPOLATION_PERIOD.address),
+            nominal_current_ma: number(objects::NOMINAL_CURRENT.address),
             current_limit_ma: number(objects::OUTPUT_CURRENT_LIMIT.address),
+            thermal_time_constant_s: number(objects::THERMAL_TIME_CONSTANT.address) / 10.0,
+            has_index: objects.get(objects::ENCODER_TYPE.address) == 1,
             standstill: Standstill {
                 window_qc_s: number(objects::STANDSTILL_WINDOW.address) * qc_s_per_rpm,
                 time_s: seconds(objects::STANDSTILL_TIME.address),

@@ -33,6 +33,8 @@ pub enum Occasion {
 pub enum Received {
     /// The objects with their bytes, in the order of the mapping.
     Objects(Vec<(Address, Vec<u8>)>),
+    /// Likewise, to be taken with the next SYNC; the number of the PDO counts from 0.
+    OnSync(u16, Vec<(Address, Vec<u8>)>),
     /// Fewer bytes than are mapped.
     TooShort,
 }
@@ -114,7 +116,12 @@ pub fn receive(frame: &Frame, objects: &Objects) -> Option<Received> {
         received.push((address, bytes.to_vec()));
         rest = after;
     }
-    Some(Received::Objects(received))
+    let transmission = objects.get(Address::new(0x1400 + number, 2));
+    Some(if transmission <= EVERY_SYNC_MAX {
+        Received::OnSync(number, received)
+    } else {
+        Received::Objects(received)
+    })
 }
 
 fn standard_id(cob_id: i64) -> epos4_link::frame::Id {

@@ -2,25 +2,9 @@
 //!
 //! Gear and feed screw are self-locking: the mechanism's force slows the shaft and costs current, but never turns it.
 
+use super::defects::Drivetrain;
+use super::mechanics::Mechanics;
 use super::trajectory::Trajectory;
-
-/// What the mechanism does to one drive during a step of the cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Mechanics {
-    /// Current that the mechanism demands at the present position, mA. Positive pushes the shaft towards negative
-    /// positions.
-    pub load_ma: f64,
-    /// Where the shaft is stopped, quadcounts of the true shaft.
-    pub hard_stop_low_qc: Option<f64>,
-    /// Likewise at the other end.
-    pub hard_stop_high_qc: Option<f64>,
-    /// Level of digital input 1, the negative limit switch from the factory.
-    pub negative_switch: bool,
-    /// Level of digital input 2, the positive limit switch from the factory.
-    pub positive_switch: bool,
-    /// Level of digital input 3, the home switch from the factory.
-    pub home_switch: bool,
-}
 
 /// The motor with its gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,12 +26,12 @@ pub enum Order {
     Current(f64),
 }
 
-/// The true shaft.
+/// The shaft as its encoder sees it, and what it truly does.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Shaft {
-    /// Position.
+    /// Position as the encoder counts it: the drive knows no other.
     pub position_qc: f64,
-    /// Speed, signed.
+    /// Speed as the encoder sees it, signed.
     pub speed_qc_s: f64,
     /// Motor current, signed, mA.
     pub current_ma: f64,
@@ -57,6 +41,13 @@ pub struct Shaft {
     pub speed_averaged_qc_s: f64,
     /// Whether the current limit cuts what the controller wants.
     pub limited: bool,
+    /// Where the rotor truly is.
+    rotor_qc: f64,
+    rotor_qc_s: f64,
+    /// What a frozen encoder has not counted.
+    uncounted_qc: f64,
+    /// What a slipping belt has not carried.
+    slipped_qc: f64,
 }
 
 /// Bandwidth of the position controller, rad/s.
@@ -78,16 +69,39 @@ impl Default for Motor {
 }
 
 impl Shaft {
+    /// Standing here.
+    #[must_use]
+    pub fn at(position_qc: f64) -> Self {
+        Self {
+            position_qc,
+            rotor_qc: position_qc,
+            ..Self::default()
+        }
+    }
+
+    /// Where the mechanism truly is, quadcounts.
+    #[must_use]
+    pub fn mechanism_qc(&self) -> f64 {
+        self.rotor_qc - self.slipped_qc
+    }
+
+    /// The rotor's true speed, signed.
+    #[must_use]
+    pub fn rotor_qc_s(&self) -> f64 {
+        self.rotor_qc_s
+    }
+
     /// One controller cycle.
     pub fn cycle(
         &mut self,
         order: Order,
         limit_ma: f64,
         motor: &Motor,
-        mechanics: &Mechanics,
+        (mechanics, drivetrain): (&Mechanics, Drivetrain),
         dt_s: f64,
     ) {
         self.limited = false;
+        let before_qc = self.rotor_qc;
         match order {
             Order::Free => self.turn(0.0, motor, mechanics, dt_s),
             Order::Current(wanted_ma) => {
@@ -96,7 +110,19 @@ impl Shaft {
             }
             Order::Follow(demand) => self.follow(&demand, limit_ma, motor, mechanics, dt_s),
         }
+        if drivetrain.jammed {
+            (self.rotor_qc, self.rotor_qc_s) = (before_qc, 0.0);
+        }
         self.meet_hard_stops(mechanics);
+        let turned_qc = self.rotor_qc - before_qc;
+        self.slipped_qc += turned_qc * drivetrain.slip_share;
+        if drivetrain.encoder_frozen {
+            self.uncounted_qc += turned_qc;
+            self.speed_qc_s = 0.0;
+        } else {
+            self.speed_qc_s = self.rotor_qc_s;
+        }
+        self.position_qc = self.rotor_qc - self.uncounted_qc;
         let weight = (dt_s / AVERAGING_S).min(1.0);
         self.current_averaged_ma += (self.current_ma - self.current_averaged_ma) * weight;
         self.speed_averaged_qc_s += (self.speed_qc_s - self.speed_averaged_qc_s) * weight;
@@ -104,16 +130,16 @@ impl Shaft {
 
     fn meet_hard_stops(&mut self, mechanics: &Mechanics) {
         if let Some(low_qc) = mechanics.hard_stop_low_qc
-            && self.position_qc <= low_qc
+            && self.mechanism_qc() <= low_qc
         {
-            self.position_qc = low_qc;
-            self.speed_qc_s = self.speed_qc_s.max(0.0);
+            self.rotor_qc = low_qc + self.slipped_qc;
+            self.rotor_qc_s = self.rotor_qc_s.max(0.0);
         }
         if let Some(high_qc) = mechanics.hard_stop_high_qc
-            && self.position_qc >= high_qc
+            && self.mechanism_qc() >= high_qc
         {
-            self.position_qc = high_qc;
-            self.speed_qc_s = self.speed_qc_s.min(0.0);
+            self.rotor_qc = high_qc + self.slipped_qc;
+            self.rotor_qc_s = self.rotor_qc_s.min(0.0);
         }
     }
 
@@ -131,8 +157,13 @@ impl Shaft {
         let error_qc_s = demand.speed_qc_s - self.speed_qc_s;
         let demand_stands = demand.speed_qc_s == 0.0 && demand.acceleration_qc_s2 == 0.0;
         if demand_stands && error_qc.abs() < SETTLED_QC && self.speed_qc_s.abs() < SETTLED_QC_S {
-            self.speed_qc_s = 0.0;
-            self.current_ma = self.limit(mechanics.load_ma, limit_ma);
+            let holding_ma = self.limit(mechanics.load_ma, limit_ma);
+            if self.rotor_qc_s.abs() < SETTLED_QC_S {
+                (self.rotor_qc_s, self.current_ma) = (0.0, holding_ma);
+            } else {
+                // A frozen encoder hides that the rotor runs out.
+                self.turn(holding_ma, motor, mechanics, dt_s);
+            }
             return;
         }
         let acceleration_qc_s2 = demand.acceleration_qc_s2
@@ -159,7 +190,7 @@ impl Shaft {
     fn turn(&mut self, current_ma: f64, motor: &Motor, mechanics: &Mechanics, dt_s: f64) {
         self.current_ma = current_ma;
         let driving_ma = current_ma - mechanics.load_ma;
-        if self.speed_qc_s == 0.0 {
+        if self.rotor_qc_s == 0.0 {
             // It starts only where the motor drives it, never where the load pushes it.
             let breaks_loose =
                 driving_ma.abs() > motor.friction_ma && driving_ma * current_ma > 0.0;
@@ -167,18 +198,18 @@ impl Shaft {
                 return;
             }
         }
-        let moving = if self.speed_qc_s == 0.0 {
+        let moving = if self.rotor_qc_s == 0.0 {
             driving_ma
         } else {
-            self.speed_qc_s
+            self.rotor_qc_s
         };
         let acceleration_qc_s2 =
             (driving_ma - motor.friction_ma * moving.signum()) / motor.inertia_ma_s2_per_qc;
-        let speed_qc_s = self.speed_qc_s + acceleration_qc_s2 * dt_s;
+        let speed_qc_s = self.rotor_qc_s + acceleration_qc_s2 * dt_s;
         // Friction and a self-locking load can stop the shaft but not turn it round.
-        let turns_round = speed_qc_s * self.speed_qc_s < 0.0 && speed_qc_s * current_ma <= 0.0;
-        self.speed_qc_s = if turns_round { 0.0 } else { speed_qc_s };
-        self.position_qc += self.speed_qc_s * dt_s;
+        let turns_round = speed_qc_s * self.rotor_qc_s < 0.0 && speed_qc_s * current_ma <= 0.0;
+        self.rotor_qc_s = if turns_round { 0.0 } else { speed_qc_s };
+        self.rotor_qc += self.rotor_qc_s * dt_s;
     }
 }
 
@@ -190,7 +221,13 @@ mod tests {
 
     fn run(shaft: &mut Shaft, order: Order, limit_ma: f64, mechanics: &Mechanics, time_s: f64) {
         for _ in 0..(time_s / CYCLE_S) as usize {
-            shaft.cycle(order, limit_ma, &Motor::default(), mechanics, CYCLE_S);
+            shaft.cycle(
+                order,
+                limit_ma,
+                &Motor::default(),
+                (mechanics, Drivetrain::default()),
+                CYCLE_S,
+            );
         }
     }
 
@@ -255,7 +292,7 @@ mod tests {
     #[test]
     fn a_free_shaft_coasts_to_a_stand() {
         let mut shaft = Shaft {
-            speed_qc_s: 30_000.0,
+            rotor_qc_s: 30_000.0,
             ..Shaft::default()
         };
         run(&mut shaft, Order::Free, 0.0, &Mechanics::default(), 1.0);

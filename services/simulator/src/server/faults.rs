@@ -16,6 +16,8 @@ use arthro_proto::simulator::v1::{
 };
 use tonic::{Request, Response, Status};
 
+pub(super) use self::words::in_range;
+
 use crate::clock::lock;
 use crate::ur5::{
     Breakdown, Button, Control, Controller, Safeguard, Series, Shared, Teller, link_fault,

@@ -17,7 +17,7 @@ pub(super) async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, 
         following_error: link.spec().travel.span(),
     };
     link.begin_profile(profile).await?;
-    watch.begin(link.sample().await?.stamp);
+    watch.begin(link.ask().await?.stamp);
     loop {
         if let Some(ended) = watch.observe(&link.sample().await?) {
             return Ok(ended?);

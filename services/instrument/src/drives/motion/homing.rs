@@ -33,7 +33,7 @@ pub(super) async fn home(link: &Link) -> Result<Sample, Failure> {
     }
     node.write(objects::CONTROLWORD, enabled).await?;
     limit_positions(link).await?;
-    link.sample().await
+    link.ask().await
 }
 
 async fn prepare(link: &Link, homing: &HomingSpec) -> Result<(), Failure> {

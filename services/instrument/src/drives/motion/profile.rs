@@ -27,5 +27,5 @@ pub(super) async fn move_to(link: &Link, target: f64) -> Result<Sample, Failure>
     link.node()
         .write(objects::FOLLOWING_ERROR_WINDOW, window)
         .await?;
-    link.sample().await
+    link.ask().await
 }

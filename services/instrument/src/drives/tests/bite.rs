@@ -187,7 +187,7 @@ async fn random_commands_send_no_target_beyond_the_travel_and_never_tell_a_false
     let mut seed = 6_u32;
     let mut random = |below: u32| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (u64::from(seed) * u64::from(below) >> 32) as u32
+        ((u64::from(seed) * u64::from(below)) >> 32) as u32
     };
     let (mut closed, mut refused) = (0, 0);
     for _ in 0..200 {

@@ -66,8 +66,8 @@ pub(super) struct Drive {
     pub(super) fault_persists: bool,
     /// Sends no process data.
     pub(super) mute: bool,
-    /// What was sent last in TPDO 1 and 2, and when.
-    sent_pdos: [Option<(Vec<u8>, u64)>; 2],
+    /// What was sent last in TPDO 1 to 3, and when.
+    sent_pdos: [Option<(Vec<u8>, u64)>; 3],
     /// Controlwords in the order of their coming.
     pub(super) controlwords: Vec<u16>,
     /// Targets that were taken.
@@ -135,17 +135,23 @@ impl FakeCell {
     pub(super) fn fault(&self, node_id: usize, code: u16) {
         self.change(node_id, |drive| drive.enter_fault(code));
         let emergency = Emergency::new(code, 1).encode(node_id as u8);
-        self.bus.attach().send(emergency).unwrap();
+        self.inject(emergency);
     }
 
     /// Nothing is heard of the drive between its end and its boot-up message.
     pub(super) fn restart(&self, node_id: usize) {
+        self.restart_as(node_id, |_| {});
+    }
+
+    /// The same, and the drive is otherwise than before.
+    pub(super) fn restart_as(&self, node_id: usize, change: impl FnOnce(&mut Drive)) {
         self.change(node_id, |drive| {
             *drive = Drive::new(node_id as u8);
+            change(drive);
             drive.dead = true;
         });
         let boot_up = heartbeat::encode(node_id as u8, nmt::State::BootUp);
-        self.bus.attach().send(boot_up).unwrap();
+        self.inject(boot_up);
         self.change(node_id, |drive| drive.dead = false);
     }
 
@@ -218,7 +224,7 @@ impl FakeCell {
                     .filter(|drive| target.includes(drive.node_id) && !drive.dead)
                 {
                     drive.nmt_state = command.outcome();
-                    drive.sent_pdos = [const { None }; 2];
+                    drive.sent_pdos = [const { None }; 3];
                     answers.push(heartbeat::encode(drive.node_id, drive.nmt_state));
                     answers.extend(drive.process_data(now_us));
                 }
@@ -279,7 +285,7 @@ impl Drive {
             statusword: None,
             fault_persists: false,
             mute: false,
-            sent_pdos: [const { None }; 2],
+            sent_pdos: [const { None }; 3],
             controlwords: Vec::new(),
             targets_qc: Vec::new(),
         };
@@ -305,7 +311,7 @@ impl Drive {
             .unwrap_or_default()
     }
 
-    fn enter_fault(&mut self, code: u16) {
+    pub(super) fn enter_fault(&mut self, code: u16) {
         self.state = State::Fault;
         self.target_qc = None;
         self.set(objects::ERROR_CODE, code);
@@ -346,13 +352,13 @@ impl Drive {
         frames
     }
 
-    /// What has changed in TPDO 1 and 2, no more often than their inhibit time allows.
+    /// What has changed in TPDO 1 to 3, no more often than their inhibit time allows.
     fn process_data(&mut self, now_us: u64) -> Vec<Frame> {
         if self.dead || self.mute || self.nmt_state != nmt::State::Operational {
             return Vec::new();
         }
         let mut frames = Vec::new();
-        for number in [1, 2] {
+        for number in [1, 2, 3] {
             let records = Address::new(0x19FF + number, 0);
             let count = self.objects[&records][0];
             let mut payload = Vec::new();

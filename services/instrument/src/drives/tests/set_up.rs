@@ -106,3 +106,32 @@ async fn the_service_starts_without_a_bus_and_says_so() {
     );
     owner.abort();
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_drive_that_was_set_up_for_another_axis_is_refused_by_name() {
+    let cell = FakeCell::start();
+    cell.change(FORCEPS_FEED, |drive| {
+        drive.set(objects::GEAR_NUMERATOR, 84);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 4500);
+    });
+    let world = World::start(cell);
+    world
+        .until(|state| {
+            let readiness = &state.axes[1].readiness;
+            matches!(
+                readiness,
+                Readiness::NotReady {
+                    reason: "CONFIGURATION_MISMATCH",
+                    ..
+                }
+            )
+        })
+        .await;
+    let snapshot = world.handle.snapshot();
+    let Readiness::NotReady { detail, .. } = &snapshot.axes[1].readiness else {
+        panic!("ready");
+    };
+    for part in ["0x3003:01", "84", "0x3001:02", "4500 mA"] {
+        assert!(detail.contains(part), "{detail}");
+    }
+}

@@ -3,7 +3,7 @@
 use epos4_link::cia402::{HALT, State};
 
 use super::Drive;
-use crate::epos4::faults;
+use crate::epos4::errors;
 use crate::epos4::objects::Power;
 use crate::epos4::parameters::{Parameters, Profile};
 use crate::epos4::shaft::Order;
@@ -38,6 +38,12 @@ impl Drive {
             self.trajectory.towards_speed(0.0, ramp, dt_s);
             return Order::Follow(self.trajectory);
         }
+        let before = self.trajectory;
+        let order = self.mode_order(parameters, dt_s);
+        self.keep_out_of_closed_ways(order, before, parameters, dt_s)
+    }
+
+    fn mode_order(&mut self, parameters: &Parameters, dt_s: f64) -> Order {
         let halted = self.controlword & HALT != 0;
         match self.mode {
             Mode::ProfilePosition => {
@@ -59,7 +65,9 @@ impl Drive {
                 self.leash();
             }
             Mode::Homing => {
-                let index_spacing_qc = parameters.qc_s_per_rpm * 60.0;
+                let index_spacing_qc = parameters
+                    .has_index
+                    .then_some(parameters.qc_s_per_rpm * 60.0);
                 let (trajectory, shaft) = (&mut self.trajectory, &self.shaft);
                 let found = self.homing.cycle(
                     trajectory,
@@ -75,11 +83,12 @@ impl Drive {
                 }
             }
             Mode::CyclicPosition => {
-                let reach_qc = parameters.max_speed_qc_s * dt_s;
-                let step_qc =
-                    parameters.target_position_qc + self.origin_qc - self.trajectory.position_qc;
-                self.trajectory = Trajectory::standing_at(
-                    self.trajectory.position_qc + step_qc.clamp(-reach_qc, reach_qc),
+                self.interpolation.cycle(
+                    &mut self.trajectory,
+                    parameters.target_position_qc + parameters.position_offset_qc + self.origin_qc,
+                    parameters.interpolation_period_s,
+                    parameters.max_speed_qc_s,
+                    dt_s,
                 );
             }
             Mode::CyclicVelocity => {
@@ -88,16 +97,48 @@ impl Drive {
                     acceleration_qc_s2: parameters.max_acceleration_qc_s2,
                     deceleration_qc_s2: parameters.max_acceleration_qc_s2,
                 };
-                self.trajectory
-                    .towards_speed(parameters.target_speed_qc_s, profile, dt_s);
+                let goal_qc_s = (parameters.target_speed_qc_s + parameters.speed_offset_qc_s)
+                    .clamp(-parameters.max_speed_qc_s, parameters.max_speed_qc_s);
+                self.trajectory.towards_speed(goal_qc_s, profile, dt_s);
                 self.leash();
             }
             Mode::CyclicTorque => {
                 self.trajectory = Trajectory::standing_at(self.shaft.position_qc);
-                return Order::Current(parameters.target_current_ma);
+                let target_ma = parameters.target_current_ma;
+                let too_fast = self.shaft.speed_qc_s.abs() >= parameters.max_speed_qc_s
+                    && self.shaft.speed_qc_s * target_ma > 0.0;
+                return Order::Current(if too_fast { 0.0 } else { target_ma });
             }
         }
         Order::Follow(self.trajectory)
+    }
+
+    /// A limit switch without error stops the way into it, by the quick stop ramp, and leaves the way out.
+    fn keep_out_of_closed_ways(
+        &mut self,
+        order: Order,
+        before: Trajectory,
+        parameters: &Parameters,
+        dt_s: f64,
+    ) -> Order {
+        match order {
+            Order::Follow(demand)
+                if self.mode != Mode::Homing
+                    && (self.inputs.closes(demand.speed_qc_s)
+                        || self.inputs.closes(demand.position_qc - before.position_qc)) =>
+            {
+                let ramp = Profile {
+                    speed_qc_s: 0.0,
+                    acceleration_qc_s2: parameters.quick_stop_qc_s2,
+                    deceleration_qc_s2: parameters.quick_stop_qc_s2,
+                };
+                self.trajectory = before;
+                self.trajectory.towards_speed(0.0, ramp, dt_s);
+                Order::Follow(self.trajectory)
+            }
+            Order::Current(current_ma) if self.inputs.closes(current_ma) => Order::Current(0.0),
+            open => open,
+        }
     }
 
     /// Whether the shaft lags behind the demand by more than the following error window.
@@ -130,7 +171,7 @@ impl Drive {
         let position_qc = self.trajectory.position_qc - self.origin_qc;
         let beyond = position_qc < low_qc && !self.leaves(1.0)
             || position_qc > high_qc && !self.leaves(-1.0);
-        beyond.then_some(faults::code::SOFTWARE_LIMIT)
+        beyond.then_some(errors::code::SOFTWARE_LIMIT)
     }
 
     fn leash(&mut self) {

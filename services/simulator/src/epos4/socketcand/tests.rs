@@ -21,7 +21,7 @@ impl Context {
         let nodes = (1..=4)
             .map(|id| Node::new(NodeConfig::new(id, u32::from(id))))
             .collect();
-        let bus = Bus::new(Drives { nodes });
+        let bus = Bus::new(Drives::new(nodes));
         bus.tick(0.002, 0.002, &[]);
         let server = serve(([127, 0, 0, 1], 0).into(), Arc::clone(&bus))
             .await

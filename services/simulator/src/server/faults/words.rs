@@ -222,7 +222,7 @@ pub(super) fn joints(
     Ok(values)
 }
 
-pub(super) fn in_range(
+pub(in crate::server) fn in_range(
     field: &str,
     value: f64,
     range: RangeInclusive<f64>,

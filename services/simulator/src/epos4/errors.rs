@@ -20,6 +20,14 @@ pub enum Reaction {
 pub mod code {
     /// The master's heartbeat stayed out.
     pub const HEARTBEAT: u16 = 0x8130;
+    /// The supply is above its limit.
+    pub const OVERVOLTAGE: u16 = 0x3210;
+    /// The supply is below its limit.
+    pub const UNDERVOLTAGE: u16 = 0x3220;
+    /// The power stage is too hot.
+    pub const OVERTEMPERATURE: u16 = 0x4210;
+    /// Safe torque off was opened under power.
+    pub const SAFE_TORQUE_OFF: u16 = 0x8A88;
     /// A PDO was shorter than its mapping.
     pub const PDO_LENGTH: u16 = 0x8210;
     /// The shaft lags too far behind the demand.
@@ -34,11 +42,11 @@ pub mod code {
 
 /// Errors present and past.
 #[derive(Clone, Debug, Default)]
-pub struct Faults {
+pub struct Errors {
     present: Vec<u16>,
 }
 
-impl Faults {
+impl Errors {
     /// Adds an error; the message for the bus, or none if it was present already.
     pub fn raise(&mut self, code: u16, objects: &mut Objects) -> Option<Emergency> {
         if self.present.contains(&code) {
@@ -60,6 +68,12 @@ impl Faults {
         objects.set(objects::ERROR_CODE.address, i64::from(code));
         objects.set(objects::ERROR_REGISTER.address, i64::from(self.register()));
         Some(Emergency::new(code, self.register()))
+    }
+
+    /// Whether an error is present.
+    #[must_use]
+    pub fn has(&self, code: u16) -> bool {
+        self.present.contains(&code)
     }
 
     /// Acknowledges all errors; the message for the bus, or none if there were none.
