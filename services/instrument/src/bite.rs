@@ -414,12 +414,12 @@ impl Watch {
         }
     }
 
-    /// What was met where the blades touch are the blades.
+    /// What was first seen where the blades touch are the blades.
     fn tissue(&self) -> Option<Contact> {
         let blades_from_mm = self.spec.blades_from_mm();
         self.contact
             .contact()
-            .filter(|contact| contact.position_mm.is_none_or(|mm| mm < blades_from_mm))
+            .filter(|contact| contact.seen_mm < blades_from_mm)
     }
 
     fn end(&self, result: BiteResult, position_mm: f64) -> BiteEnd {

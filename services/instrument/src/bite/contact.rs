@@ -45,6 +45,8 @@ pub struct ContactWatch {
 pub struct Contact {
     /// Where; `None` when it was there before the free current could be learnt.
     pub position_mm: Option<f64>,
+    /// The first position at which it was seen, which is at or beyond where it was met.
+    pub seen_mm: f64,
 }
 
 /// Mean and spread, by Welford's method.
@@ -120,6 +122,7 @@ impl ContactWatch {
         if excess_ma >= self.spec.rise_ma && current_ma >= self.spec.current_ma {
             self.contact = Some(Contact {
                 position_mm: Some(self.onset_mm((from_mm, from_ma), (position_mm, excess_ma))),
+                seen_mm: from_mm,
             });
         }
     }
@@ -138,7 +141,10 @@ impl ContactWatch {
 
     fn learn(&mut self, from_mm: f64, position_mm: f64, current_ma: f64) {
         if current_ma >= self.spec.current_ma {
-            self.contact = Some(Contact { position_mm: None });
+            self.contact = Some(Contact {
+                position_mm: None,
+                seen_mm: position_mm,
+            });
             return;
         }
         self.learnt
@@ -155,15 +161,16 @@ impl ContactWatch {
         (4.0 * self.learnt.deviation_ma()).clamp(Self::LEAST_NOISE_MA, 0.5 * self.spec.rise_ma)
     }
 
-    /// Where the line through two samples on the way up meets the free current, between the last free sample and the
-    /// first one that was not.
+    /// Where the line through two samples on the way up meets the free current: before the first one that was not free,
+    /// and after the last one that was, but for what passes as noise.
     fn onset_mm(&self, (from_mm, from_ma): (f64, f64), (to_mm, to_ma): (f64, f64)) -> f64 {
-        let (low_mm, high_mm) = (self.last_free_mm.min(from_mm), from_mm);
+        let last_free_mm = self.last_free_mm.min(from_mm);
         if to_ma <= from_ma || to_mm <= from_mm {
-            return 0.5 * (low_mm + high_mm);
+            return 0.5 * (last_free_mm + from_mm);
         }
-        let slope_ma_per_mm = (to_ma - from_ma) / (to_mm - from_mm);
-        (from_mm - from_ma / slope_ma_per_mm).clamp(low_mm, high_mm)
+        let mm_per_ma = (to_mm - from_mm) / (to_ma - from_ma);
+        let earliest_mm = last_free_mm - self.noise_ma() * mm_per_ma;
+        (from_mm - from_ma * mm_per_ma).clamp(earliest_mm, from_mm)
     }
 }
 
@@ -264,10 +271,14 @@ mod tests {
     #[test]
     fn what_is_between_the_blades_from_the_first_is_felt_without_a_place() {
         let watch = close(SPEC, 40.0, 0.0, still, |mm| 300.0 * mm);
-        assert_eq!(watch.contact(), Some(Contact { position_mm: None }));
+        let contact = watch.contact().unwrap();
+        assert_eq!(contact.position_mm, None);
+        assert!(contact.seen_mm < 1.0);
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
+
         #[test]
         fn contact_is_found_within_a_tenth_of_a_millimetre(
             at_mm in 1.65..7.5_f64,

@@ -78,13 +78,17 @@ impl Link {
     }
 
     async fn asked(&self) -> Result<(Values, Duration), Failure> {
+        // The load first: a current that rises is then told where the axis is or has passed, never before, so that blade
+        // on blade is not taken for tissue.
+        let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
+        let inputs = self.node.read(objects::DIGITAL_INPUTS).await?;
         // The position dates the sample: much time of the bus may pass between two answers, and a drive
         // must not be held for late by where it was before that.
         let position = self.node.read_stamped(objects::POSITION_ACTUAL).await?;
         let values = Values {
             position_qc: position.value,
-            current_ma: self.node.read(objects::CURRENT_ACTUAL).await?,
-            inputs: self.node.read(objects::DIGITAL_INPUTS).await?,
+            current_ma,
+            inputs,
             statusword: Statusword(self.node.read(objects::STATUSWORD).await?),
         };
         Ok((values, position.stamp))
