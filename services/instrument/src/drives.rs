@@ -101,10 +101,13 @@ impl Drives {
     }
 
     /// Owns the drives until the drain starts; then stops them.
-    pub async fn run(mut self, drain: Drain) {
+    pub async fn run(self, drain: Drain) {
+        self.run_until(drain.started()).await;
+    }
+
+    async fn run_until(mut self, draining: impl Future<Output = ()>) {
         let mut tick = interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let draining = drain.started();
         tokio::pin!(draining);
         loop {
             tokio::select! {
@@ -117,6 +120,7 @@ impl Drives {
             }
         }
         self.stop_motions("SHUTDOWN", "the service shuts down");
+        self.session.begin_leaving();
         let stopping = async {
             while self.session.is_stopping() {
                 let step = self.session.step(&mut self.running).await;
