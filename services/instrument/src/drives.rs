@@ -59,8 +59,8 @@ pub struct Drives {
     supervisor: Supervisor,
     leases: Leases,
     operations: Operations,
-    /// The ends of bites, for as long as their operations are remembered.
-    bites: HashMap<String, crate::bite::BiteEnd>,
+    /// The last reports of operations that have ended, for as long as they are remembered.
+    ended: HashMap<String, Report>,
     running: Vec<Running>,
     stop_waiters: Vec<oneshot::Sender<Result<(), Refusal>>>,
     started: Instant,
@@ -88,7 +88,7 @@ impl Drives {
             supervisor: Supervisor::new(cell.heartbeat_timeout),
             leases: Leases::new(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)),
             operations: Operations::new(REMEMBERED_OPERATIONS),
-            bites: HashMap::new(),
+            ended: HashMap::new(),
             running: Vec::new(),
             stop_waiters: Vec::new(),
             started: Instant::now(),
@@ -101,10 +101,13 @@ impl Drives {
     }
 
     /// Owns the drives until the drain starts; then stops them.
-    pub async fn run(mut self, drain: Drain) {
+    pub async fn run(self, drain: Drain) {
+        self.run_until(drain.started()).await;
+    }
+
+    async fn run_until(mut self, draining: impl Future<Output = ()>) {
         let mut tick = interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let draining = drain.started();
         tokio::pin!(draining);
         loop {
             tokio::select! {
@@ -117,6 +120,7 @@ impl Drives {
             }
         }
         self.stop_motions("SHUTDOWN", "the service shuts down");
+        self.session.begin_leaving();
         let stopping = async {
             while self.session.is_stopping() {
                 let step = self.session.step(&mut self.running).await;
@@ -149,6 +153,12 @@ impl Drives {
             );
             self.stop_motions("LEASE_LOST", &detail);
         }
+        // What was known of the jaw is held against its axis; once given up it does not come back.
+        let seen = self.board.snapshot().jaw;
+        if self.board.jaw(&self.cell) != seen {
+            tracing::warn!(?seen, "the jaw does not stand where it was left");
+            self.doubt_jaw();
+        }
     }
 
     fn on_stop(&mut self, why: &str, reply: oneshot::Sender<Result<(), Refusal>>) {
@@ -177,7 +187,13 @@ impl Drives {
             };
             self.finish(running, outcome, None);
         }
+        self.doubt_jaw();
         self.session.begin_stop();
+    }
+
+    /// After a stop or a fault nobody knows how the jaw stands, until it is opened or homed.
+    fn doubt_jaw(&self) {
+        self.board.update(|state| state.jaw = Jaw::Unknown);
     }
 
     fn on_step(&mut self, step: Step) {
@@ -281,14 +297,20 @@ impl Drives {
             tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
             self.board.update(|state| {
                 state.axes[axis.index()].fault = Some(fault.clone());
-                if axis == Axis::ForcepsFeed {
-                    state.jaw = Jaw::Unknown;
-                }
             });
+            self.doubt_jaw();
         }
         if is_new || !self.running.is_empty() {
+            // A limit switch that is pressed by hand is what commissioning waits for.
+            let (going_on, ended): (Vec<Running>, Vec<Running>) = std::mem::take(&mut self.running)
+                .into_iter()
+                .partition(|running| {
+                    fault.reason == "LIMIT_SWITCH"
+                        && matches!(&running.command, Command::CommissionSwitches { axis: own, .. } if *own == axis)
+                });
+            self.running = going_on;
             let failure = Failure::Fault { axis, fault };
-            for running in std::mem::take(&mut self.running) {
+            for running in ended {
                 let outcome = Outcome::Failed {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
@@ -352,7 +374,11 @@ impl Drives {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
                 };
-                self.finish(running, outcome, None);
+                let came_to = motion::Done {
+                    bite: failure.bite_end(),
+                    ..motion::Done::default()
+                };
+                self.finish(running, outcome, Some(came_to));
             }
         }
     }
@@ -381,12 +407,13 @@ impl Drives {
             return;
         };
         tracing::info!(operation = id, state = ?operation.state, reason = operation.reason, "operation ended");
-        if let Some(bite) = bite {
-            let operations = &self.operations;
-            self.bites.retain(|id, _| operations.get(id).is_some());
-            self.bites.insert(id, bite);
-        }
-        reports.send_replace(Report { operation, bite });
+        reports.send_modify(|report| {
+            report.operation = operation;
+            report.bite = bite;
+        });
+        let operations = &self.operations;
+        self.ended.retain(|id, _| operations.get(id).is_some());
+        self.ended.insert(id, reports.borrow().clone());
     }
 
     fn on_request(&mut self, request: Request) {
@@ -477,8 +504,8 @@ impl Drives {
         let reports = match running {
             Some(running) => running.reports.subscribe(),
             None => {
-                let bite = self.bites.get(&operation.id).copied();
-                watch::channel(Report { operation, bite }).1
+                let ended = self.ended.get(&operation.id).cloned();
+                watch::channel(ended.unwrap_or_else(|| Report::of(operation))).1
             }
         };
         Ticket {
@@ -496,6 +523,11 @@ impl Drives {
             && motion::is_reserved(*address)
         {
             return Err(Refusal::ObjectReserved(*address));
+        }
+        if let Command::CommissionSwitches { axis, .. } = command
+            && self.cell.axes[axis.index()].switches.is_empty()
+        {
+            return Err(Refusal::NoSwitches { axis: *axis });
         }
         let state = self.board.snapshot();
         for axis in command.axes() {
@@ -527,12 +559,13 @@ impl Drives {
     }
 
     fn begin(&mut self, operation_id: &str, command: Command) -> Result<Ticket, Refusal> {
-        let work = self.work(&command)?;
         let operation = self
             .operations
             .get(operation_id)
             .cloned()
             .ok_or(Refusal::ShuttingDown)?;
+        let (reports, watcher) = watch::channel(Report::of(operation));
+        let work = self.work(&command, reports.clone())?;
         tracing::info!(operation = operation_id, ?command, "operation begins");
         self.board.update(|state| {
             for axis in command.axes() {
@@ -543,10 +576,6 @@ impl Drives {
             if command.moves() && command.axes().contains(&Axis::ForcepsFeed) {
                 state.jaw = Jaw::Moving;
             }
-        });
-        let (reports, watcher) = watch::channel(Report {
-            operation,
-            bite: None,
         });
         self.running.push(Running {
             id: operation_id.to_owned(),
@@ -560,7 +589,7 @@ impl Drives {
         })
     }
 
-    fn work(&mut self, command: &Command) -> Result<Work, Refusal> {
+    fn work(&mut self, command: &Command, reports: watch::Sender<Report>) -> Result<Work, Refusal> {
         let cell = self.cell.clone();
         if let Command::Recover(axes) = command {
             self.prepare_recovery(axes);
@@ -568,21 +597,26 @@ impl Drives {
             let command = command.clone();
             return Ok(Box::pin(async move {
                 let links = links.ready(&board, command.axes()).await?;
-                motion::carry_out(cell, command, links).await
+                motion::carry_out(cell, command, links, reports).await
             }));
         }
         let links = command.axes().iter().map(|axis| self.link(*axis));
         let links = links.collect::<Result<Vec<Link>, Refusal>>()?;
-        Ok(motion::carry_out(cell, command.clone(), links))
+        Ok(motion::carry_out(cell, command.clone(), links, reports))
     }
 
     /// A person has seen the faults: a bus that was left is joined again, and a drive that is another is accepted.
     fn prepare_recovery(&mut self, axes: &[Axis]) {
         for axis in axes {
-            let fault = self.supervisor.fault(*axis);
-            if fault.is_some_and(|fault| fault.reason == "WRONG_NODE") {
-                self.board.update_axis(*axis, |state| state.identity = None);
-            }
+            self.board.update_axis(*axis, |state| {
+                if let Readiness::NotReady {
+                    reason: "WRONG_NODE",
+                    ..
+                } = state.readiness
+                {
+                    state.identity = None;
+                }
+            });
         }
         self.session.recover();
     }

@@ -9,6 +9,7 @@ use tokio::sync::watch;
 
 use crate::axis::Axis;
 use crate::bite::Jaw;
+use crate::config::Cell;
 use crate::positioning::Sample;
 use crate::supervisor::Fault;
 
@@ -134,6 +135,15 @@ pub(super) struct Board(watch::Sender<Snapshot>);
 impl Board {
     pub(super) fn snapshot(&self) -> Snapshot {
         self.0.borrow().clone()
+    }
+
+    /// The jaw as it was left, unless its axis contradicts.
+    pub(super) fn jaw(&self, cell: &Cell) -> Jaw {
+        let state = self.0.borrow();
+        let feed = Axis::ForcepsFeed.index();
+        let tolerance_mm = cell.axes[feed].spec.tolerance;
+        let sample = state.axes[feed].sample.as_ref();
+        state.jaw.held_against(&cell.bite, tolerance_mm, sample)
     }
 
     pub(super) fn subscribe(&self) -> watch::Receiver<Snapshot> {

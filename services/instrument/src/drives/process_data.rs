@@ -7,43 +7,41 @@ use epos4_link::canopen::pdo::{Data, Mapped, Mapping, MappingError};
 use epos4_link::cia402::Statusword;
 use epos4_link::objects;
 use tokio::sync::watch;
-use tokio::time::sleep;
 
-/// The TPDO of statusword and position.
-pub(super) const MOTION_PDO: u8 = 1;
-/// The TPDO of current and inputs.
-pub(super) const LOAD_PDO: u8 = 2;
+/// The TPDO of the statusword, alone so that it comes at once.
+pub(super) const STATUS_PDO: u8 = 1;
+/// The TPDO of position and current, which belong together.
+pub(super) const MOTION_PDO: u8 = 2;
+/// The TPDO of the inputs.
+pub(super) const INPUTS_PDO: u8 = 3;
 /// The RPDO of the controlword.
 pub(super) const CONTROL_PDO: u8 = 1;
 
-/// What one drive sent last.
+/// What a drive sends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(super) struct Image {
-    pub(super) motion: Option<Dated<Motion>>,
-    pub(super) load: Option<Dated<Load>>,
-}
-
-/// Statusword and position, of one frame.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Motion {
+pub(super) struct Values {
     pub(super) statusword: Statusword,
     pub(super) position_qc: i32,
-}
-
-/// Current and inputs, of one frame.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Load {
     pub(super) current_ma: i32,
     pub(super) inputs: u32,
 }
 
-/// Values and when the drive sent or confirmed them, on the clock of the bus.
+/// What comes in one frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Dated<T> {
-    pub(super) value: T,
-    pub(super) stamp: Duration,
-    /// Frames so far.
-    frames: u64,
+pub(super) enum Part {
+    Status,
+    Motion,
+    Inputs,
+}
+
+/// What one drive sent last.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(super) struct Image {
+    values: Values,
+    /// When each part was sent or confirmed last, on the clock of the bus.
+    stamps: [Option<Duration>; 3],
+    /// How often each part was sent.
+    frames: [u64; 3],
 }
 
 /// The image of one axis and the clock of the bus, for whoever waits for either. Clones are the same.
@@ -53,20 +51,47 @@ pub(super) struct ProcessData {
     clock: watch::Sender<Duration>,
 }
 
-/// The objects of [`MOTION_PDO`].
-pub(super) fn motion_mapping() -> Result<Mapping, MappingError> {
-    Mapping::new([
-        Mapped::from(objects::STATUSWORD),
-        objects::POSITION_ACTUAL.into(),
-    ])
-}
+// === impl Part ===
 
-/// The objects of [`LOAD_PDO`].
-pub(super) fn load_mapping() -> Result<Mapping, MappingError> {
-    Mapping::new([
-        Mapped::from(objects::CURRENT_ACTUAL),
-        objects::DIGITAL_INPUTS.into(),
-    ])
+impl Part {
+    pub(super) const ALL: [Self; 3] = [Self::Status, Self::Motion, Self::Inputs];
+
+    fn index(self) -> usize {
+        match self {
+            Self::Status => 0,
+            Self::Motion => 1,
+            Self::Inputs => 2,
+        }
+    }
+
+    /// The TPDO that brings it.
+    pub(super) fn pdo(self) -> u8 {
+        match self {
+            Self::Status => STATUS_PDO,
+            Self::Motion => MOTION_PDO,
+            Self::Inputs => INPUTS_PDO,
+        }
+    }
+
+    /// The objects of its TPDO.
+    pub(super) fn mapping(self) -> Result<Mapping, MappingError> {
+        match self {
+            Self::Status => Mapping::new([Mapped::from(objects::STATUSWORD)]),
+            Self::Motion => Mapping::new([
+                Mapped::from(objects::POSITION_ACTUAL),
+                objects::CURRENT_ACTUAL.into(),
+            ]),
+            Self::Inputs => Mapping::new([Mapped::from(objects::DIGITAL_INPUTS)]),
+        }
+    }
+
+    fn is_same(self, a: &Values, b: &Values) -> bool {
+        match self {
+            Self::Status => a.statusword == b.statusword,
+            Self::Motion => (a.position_qc, a.current_ma) == (b.position_qc, b.current_ma),
+            Self::Inputs => a.inputs == b.inputs,
+        }
+    }
 }
 
 /// The objects of [`CONTROL_PDO`].
@@ -79,77 +104,77 @@ pub(super) fn control_mapping() -> Result<Mapping, MappingError> {
 impl Image {
     /// Takes a frame of the drive. `false` for one that is not as mapped.
     fn take(&mut self, number: u8, data: &Data, stamp: Duration) -> bool {
-        let taken = match number {
-            MOTION_PDO => motion_of(data).map(|value| {
-                self.motion = Some(Dated::next(self.motion, value, stamp));
-            }),
-            LOAD_PDO => load_of(data).map(|value| {
-                self.load = Some(Dated::next(self.load, value, stamp));
-            }),
-            _ => None,
+        let part = Part::ALL.into_iter().find(|part| part.pdo() == number);
+        let Some((part, values)) =
+            part.and_then(|part| Some((part, self.values.with(part, data)?)))
+        else {
+            return false;
         };
-        taken.is_some()
+        self.values = values;
+        self.stamps[part.index()] = Some(stamp);
+        self.frames[part.index()] += 1;
+        true
     }
 
-    fn frames(&self) -> [u64; 2] {
-        [
-            self.motion.map_or(0, |dated| dated.frames),
-            self.load.map_or(0, |dated| dated.frames),
-        ]
-    }
-
-    /// Whether both have come since `before`.
-    pub(super) fn is_renewed_since(&self, before: &Self) -> bool {
-        self.frames()
+    /// What was sent last; `None` while a part has never come.
+    pub(super) fn values(&self) -> Option<Values> {
+        self.stamps
             .iter()
-            .zip(before.frames())
-            .all(|(now, before)| *now > before)
+            .all(Option::is_some)
+            .then_some(self.values)
     }
 
-    /// Whether current and inputs have come since `before`.
-    pub(super) fn load_since(&self, before: &Self) -> bool {
-        self.frames()[1] > before.frames()[1]
+    /// When a part was sent or confirmed last.
+    pub(super) fn stamp(&self, part: Part) -> Option<Duration> {
+        self.stamps[part.index()]
     }
 
-    /// Whether statusword and position have come since `before`.
-    pub(super) fn motion_since(&self, before: &Self) -> bool {
-        self.frames()[0] > before.frames()[0]
+    /// Whether a part has been sent since `before`.
+    pub(super) fn is_newer(&self, part: Part, before: &Self) -> bool {
+        self.frames[part.index()] > before.frames[part.index()]
     }
-}
 
-impl<T> Dated<T> {
-    /// A value that was asked for.
-    pub(super) fn asked(value: T, stamp: Duration) -> Self {
-        Self {
-            value,
-            stamp,
-            frames: 0,
+    /// The parts that the drive has otherwise than it sent them.
+    pub(super) fn differing(&self, asked: &Values) -> Vec<Part> {
+        let differs = |part: &Part| !part.is_same(&self.values, asked);
+        Part::ALL.into_iter().filter(differs).collect()
+    }
+
+    fn confirm(&mut self, asked: &Values, stamp: Duration) {
+        let values = self.values;
+        let same = Part::ALL
+            .into_iter()
+            .filter(|part| part.is_same(&values, asked));
+        for part in same {
+            let last = &mut self.stamps[part.index()];
+            *last = last.map(|last| last.max(stamp));
         }
     }
+}
 
-    fn next(before: Option<Self>, value: T, stamp: Duration) -> Self {
-        Self {
-            value,
-            stamp,
-            frames: before.map_or(0, |before| before.frames) + 1,
+impl Values {
+    /// The same with a part as a frame has it; `None` for a frame that is not as mapped.
+    fn with(self, part: Part, data: &Data) -> Option<Self> {
+        let mapping = part.mapping().ok()?;
+        if data.as_slice().len() != mapping.len() {
+            return None;
         }
+        Some(match part {
+            Part::Status => Self {
+                statusword: Statusword(mapping.value(objects::STATUSWORD, data)?),
+                ..self
+            },
+            Part::Motion => Self {
+                position_qc: mapping.value(objects::POSITION_ACTUAL, data)?,
+                current_ma: mapping.value(objects::CURRENT_ACTUAL, data)?,
+                ..self
+            },
+            Part::Inputs => Self {
+                inputs: mapping.value(objects::DIGITAL_INPUTS, data)?,
+                ..self
+            },
+        })
     }
-}
-
-fn motion_of(data: &Data) -> Option<Motion> {
-    let mapping = motion_mapping().ok()?;
-    Some(Motion {
-        statusword: Statusword(mapping.value(objects::STATUSWORD, data)?),
-        position_qc: mapping.value(objects::POSITION_ACTUAL, data)?,
-    })
-}
-
-fn load_of(data: &Data) -> Option<Load> {
-    let mapping = load_mapping().ok()?;
-    Some(Load {
-        current_ma: mapping.value(objects::CURRENT_ACTUAL, data)?,
-        inputs: mapping.value(objects::DIGITAL_INPUTS, data)?,
-    })
 }
 
 // === impl ProcessData ===
@@ -175,16 +200,9 @@ impl ProcessData {
         is_taken
     }
 
-    /// The drive has confirmed these of the parts.
-    pub(super) fn confirm(&self, motion: Motion, load: Load, stamp: Duration) {
-        self.image.send_modify(|image| {
-            if let Some(sent) = image.motion.as_mut().filter(|sent| sent.value == motion) {
-                sent.stamp = sent.stamp.max(stamp);
-            }
-            if let Some(sent) = image.load.as_mut().filter(|sent| sent.value == load) {
-                sent.stamp = sent.stamp.max(stamp);
-            }
-        });
+    /// The drive was asked: the parts that it has as it sent them are confirmed.
+    pub(super) fn confirm(&self, asked: &Values, stamp: Duration) {
+        self.image.send_modify(|image| image.confirm(asked, stamp));
     }
 
     /// Waits for an image as wanted.
@@ -205,15 +223,6 @@ impl ProcessData {
             std::future::pending().await
         }
     }
-
-    /// Waits until something is older than a limit: since `stamp` by the time of the bus, or from now on by real time,
-    /// so that a silent bus is asked too.
-    pub(super) async fn older_than(&self, stamp: Duration, limit: Duration) {
-        tokio::select! {
-            () = self.past(stamp + limit) => {}
-            () = sleep(limit) => {}
-        }
-    }
 }
 
 #[cfg(test)]
@@ -228,31 +237,55 @@ mod tests {
     fn frames_are_taken_as_they_are_mapped() {
         let mut image = Image::default();
         let before = image;
-        let motion = Data::new(&[0x27, 0x84, 0x00, 0x54, 0, 0]).unwrap();
-        assert!(image.take(MOTION_PDO, &motion, ms(7)));
-        assert!(image.motion_since(&before) && !image.is_renewed_since(&before));
-        let load = Data::new(&[0x28, 0, 0, 0, 1, 0, 0, 0]).unwrap();
-        assert!(image.take(LOAD_PDO, &load, ms(8)));
-        assert!(image.is_renewed_since(&before));
-        let motion = image.motion.unwrap();
-        assert_eq!(
-            (
-                motion.value.statusword,
-                motion.value.position_qc,
-                motion.stamp
-            ),
-            (Statusword(0x8427), 21_504, ms(7))
-        );
-        let load = image.load.unwrap().value;
-        assert_eq!((load.current_ma, load.inputs), (40, 1));
+        let frames: [(u8, &[u8]); 3] = [
+            (STATUS_PDO, &[0x27, 0x84]),
+            (MOTION_PDO, &[0x00, 0x54, 0, 0, 0x28, 0, 0, 0]),
+            (INPUTS_PDO, &[1, 0, 0, 0]),
+        ];
+        for (number, bytes) in frames {
+            assert_eq!(image.values(), None);
+            let data = Data::new(bytes).unwrap();
+            assert!(image.take(number, &data, ms(number.into())));
+        }
+        assert!(Part::ALL.iter().all(|part| image.is_newer(*part, &before)));
+        let values = Values {
+            statusword: Statusword(0x8427),
+            position_qc: 21_504,
+            current_ma: 40,
+            inputs: 1,
+        };
+        assert_eq!(image.values(), Some(values));
+        assert_eq!(image.stamp(Part::Motion), Some(ms(2)));
     }
 
     #[test]
-    fn a_frame_that_is_too_short_or_not_ours_is_not_taken() {
+    fn what_is_asked_confirms_the_parts_that_are_as_sent() {
+        let mut image = Image {
+            stamps: [Some(ms(1)); 3],
+            ..Image::default()
+        };
+        let asked = Values {
+            current_ma: 7,
+            ..Values::default()
+        };
+        image.confirm(&asked, ms(9));
+        assert_eq!(image.differing(&asked), [Part::Motion]);
+        assert_eq!(
+            Part::ALL.map(|part| image.stamp(part)),
+            [Some(ms(9)), Some(ms(1)), Some(ms(9))]
+        );
+    }
+
+    #[test]
+    fn a_frame_that_has_another_length_or_is_not_ours_is_not_taken() {
         let mut image = Image::default();
-        let short = Data::new(&[0x27, 0x84, 0x00]).unwrap();
-        assert!(!image.take(MOTION_PDO, &short, ms(1)));
-        assert!(!image.take(3, &short, ms(1)));
+        for (number, bytes) in [
+            (MOTION_PDO, &[0x27, 0x84, 0x00][..]),
+            (STATUS_PDO, &[1, 2, 3]),
+            (4, &[1]),
+        ] {
+            assert!(!image.take(number, &Data::new(bytes).unwrap(), ms(1)));
+        }
         assert_eq!(image, Image::default());
     }
 }

@@ -1,30 +1,28 @@
-mod api;
 mod bite;
+mod bus;
 mod fake;
 mod faults;
 mod lease;
 mod motion;
+mod process_data;
+mod requests;
 mod set_up;
 mod stop;
+mod switches;
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use arthro_authority::OperationState;
-use arthro_proto::instrument::v1 as proto;
-use arthro_proto::instrument::v1::axis_position::Value as Position;
-use arthro_proto::instrument::v1::instrument_service_server::InstrumentService as _;
-use epos4_link::canopen::object::Address;
-use epos4_link::canopen::sdo::AbortCode;
+use epos4_link::bus::CanBus;
 use epos4_link::cia402::State;
+use epos4_link::frame::{Frame, Stamped};
 use epos4_link::objects;
 use tokio::task::JoinHandle;
-use tonic::Code;
 
 use self::fake::FakeCell;
 use super::session::Connected;
 use super::*;
 use crate::config::Config;
-use crate::server::Instrument;
 
 /// Node ids of the axes.
 const FORCEPS_ROTATION: usize = 1;
@@ -39,20 +37,52 @@ struct World {
     operations: u32,
     /// How often the controller was restarted.
     restarts: Arc<AtomicU32>,
+    /// Whether the bus takes no frames.
+    is_choked: Arc<AtomicBool>,
+    shut_down: Option<oneshot::Sender<()>>,
     owner: JoinHandle<()>,
 }
 
-struct ToFake(FakeCell, Arc<AtomicU32>);
+struct ToFake {
+    cell: FakeCell,
+    restarts: Arc<AtomicU32>,
+    is_choked: Arc<AtomicBool>,
+}
 
 impl Way for ToFake {
     fn connect(&self) -> std::pin::Pin<Box<dyn Future<Output = Connected> + Send>> {
-        let cell = self.0.clone();
-        Box::pin(async move { Ok(cell.attach()) })
+        let port = Port {
+            bus: self.cell.attach(),
+            is_choked: self.is_choked.clone(),
+        };
+        Box::pin(async move { Ok(Box::new(port) as Box<dyn CanBus>) })
     }
 
     fn restart(&self) -> Result<(), epos4_link::bus::Error> {
-        self.1.fetch_add(1, Ordering::Relaxed);
+        self.restarts.fetch_add(1, Ordering::Relaxed);
         Ok(())
+    }
+}
+
+/// A port of the fake bus that can be made to take no frames.
+struct Port {
+    bus: Box<dyn CanBus>,
+    is_choked: Arc<AtomicBool>,
+}
+
+impl CanBus for Port {
+    fn send(&mut self, frame: Frame) -> Result<(), epos4_link::bus::Error> {
+        if self.is_choked.load(Ordering::Relaxed) {
+            return Err(epos4_link::bus::Error::QueueFull);
+        }
+        self.bus.send(frame)
+    }
+
+    fn poll_receive(
+        &mut self,
+        context: &mut std::task::Context<'_>,
+    ) -> std::task::Poll<Result<Stamped, epos4_link::bus::Error>> {
+        self.bus.poll_receive(context)
     }
 }
 
@@ -83,20 +113,31 @@ impl World {
     }
 
     fn start(cell: FakeCell) -> Self {
-        let config = Config {
+        let mut config = Config {
             sdo_timeout_s: 3.0,
             ..Config::default()
         };
+        config.bite.force_table = vec![[40.0, 0.0], [100.0, 15.0], [760.0, 270.0]];
         let restarts = Arc::new(AtomicU32::new(0));
-        let way = ToFake(cell.clone(), restarts.clone());
+        let is_choked = Arc::new(AtomicBool::new(false));
+        let way = ToFake {
+            cell: cell.clone(),
+            restarts: restarts.clone(),
+            is_choked: is_choked.clone(),
+        };
         let (drives, handle) = Drives::with_way(config.check().unwrap(), Box::new(way));
-        let owner = tokio::spawn(drives.run(Drain::never()));
+        let (shut_down, draining) = oneshot::channel::<()>();
+        let owner = tokio::spawn(drives.run_until(async move {
+            draining.await.ok();
+        }));
         Self {
             cell,
             handle,
             token: 0,
             operations: 0,
             restarts,
+            is_choked,
+            shut_down: Some(shut_down),
             owner,
         }
     }
@@ -148,6 +189,35 @@ impl World {
             .fault
             .as_ref()
             .map_or("", |fault| fault.reason)
+    }
+
+    fn faults(&self) -> [&'static str; 4] {
+        Axis::ALL.map(|axis| self.fault(axis))
+    }
+
+    async fn until_all_have(&self, reason: &str) {
+        self.until(|state| {
+            let mut axes = state.axes.iter();
+            axes.all(|axis| {
+                axis.fault
+                    .as_ref()
+                    .is_some_and(|fault| fault.reason == reason)
+            })
+        })
+        .await;
+    }
+
+    async fn until_ready(&self) {
+        self.until(|state| {
+            let mut axes = state.axes.iter();
+            axes.all(|axis| axis.readiness == Readiness::Ready)
+        })
+        .await;
+    }
+
+    async fn recover_all(&mut self) -> OperationState {
+        let report = self.run(Command::Recover(Axis::ALL.to_vec())).await;
+        report.operation.state
     }
 
     /// A move that has begun and all but stands until the drives' time goes on.

@@ -47,6 +47,15 @@ pub(super) fn response(reason: &str) -> &'static str {
         reason if reason.starts_with("HOMING_") => {
             "Look where the axis stands; check switch, wiring and travel, then recover and home again."
         }
+        "JAW_CLOSURE_DOUBTFUL" => {
+            "The jaw does not follow its motor: look at belt, coupling and screw; recover, then home before the next bite."
+        }
+        "JAW_NEVER_MOVED" => {
+            "Look for what blocks the jaw and whether the encoder counts when the feed is turned by hand; recover, then open it."
+        }
+        "POSITION_LIMITS_NOT_KEPT" | "DRIVE_HAS_POWER" => {
+            "Look for another master on the bus that writes to this drive; recover, then home."
+        }
         reason if reason.starts_with("JAW_") => {
             "Look at the jaw before anything else: it may hold tissue; recover, then open it or home."
         }

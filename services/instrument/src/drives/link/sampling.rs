@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use epos4_link::cia402::Statusword;
 use epos4_link::objects;
+use tokio::time::sleep;
 
 use super::super::board::I2t;
-use super::super::process_data::{Dated, Image, Load, Motion};
+use super::super::process_data::{Image, Part, Values};
 use super::Link;
 use crate::error::Failure;
 use crate::positioning::Sample;
@@ -26,81 +27,84 @@ impl Link {
     /// that has changed and did not send it.
     pub(in super::super) async fn sample(&self) -> Result<Sample, Failure> {
         let before = self.process_data.image();
-        let Some(last) = oldest(&before) else {
+        let Some(confirm_at) = due(&before) else {
             return self.confirm().await;
         };
         tokio::select! {
             biased;
-            image = self.process_data.until(|image| image.motion_since(&before)) => {
-                let is_recent = |load: Dated<Load>, motion: Dated<Motion>| {
-                    motion.stamp.saturating_sub(load.stamp) <= MOVING_LIMIT
-                };
-                if let (Some(motion), Some(load)) = (image.motion, image.load)
-                    && is_recent(load, motion)
-                {
-                    return self.show(sample_of(self, motion, load));
+            image = self.process_data.until(|image| {
+                image.is_newer(Part::Motion, &before) || image.is_newer(Part::Status, &before)
+            }) => {
+                if let Some(sample) = self.sample_of(&image).filter(|_| is_current(&image)) {
+                    return self.show(sample);
                 }
             }
-            () = self.process_data.older_than(last, MOVING_LIMIT) => {}
+            () = self.process_data.past(confirm_at) => {}
+            // A silent bus is asked too.
+            () = sleep(MOVING_LIMIT) => {}
         }
         self.confirm().await
     }
 
     /// Measures by asking the drive, and shows the measurement on the board: for what must be known after an order.
     pub(in super::super) async fn ask(&self) -> Result<Sample, Failure> {
-        let (motion, load, stamp) = self.asked().await?;
-        let sample = sample_of(self, Dated::asked(motion, stamp), Dated::asked(load, stamp));
-        self.show(sample)
+        let (values, stamp) = self.asked().await?;
+        self.show(self.measured(values, stamp))
     }
 
     /// Has the drive confirm what it sent last. A drive that is otherwise, and does not send that either, is a failure.
     async fn confirm(&self) -> Result<Sample, Failure> {
         let before = self.process_data.image();
-        let (motion, load, stamp) = self.asked().await?;
-        self.process_data.confirm(motion, load, stamp);
-        let is_motion_new = before.motion.map(|sent| sent.value) != Some(motion);
-        let is_load_new = before.load.map(|sent| sent.value) != Some(load);
+        let (values, stamp) = self.asked().await?;
+        self.process_data.confirm(&values, stamp);
+        let differing = before.differing(&values);
         let came = self.process_data.until(|image| {
-            (!is_motion_new || image.motion_since(&before))
-                && (!is_load_new || image.load_since(&before))
+            let mut differing = differing.iter();
+            differing.all(|part| image.is_newer(*part, &before))
         });
         tokio::select! {
             biased;
             _ = came => {}
             () = self.process_data.past(stamp + LATE_LIMIT) => {
                 return Err(Failure::StaleProcessData {
-                    statusword: motion.statusword,
-                    position_qc: motion.position_qc,
+                    statusword: values.statusword,
+                    position_qc: values.position_qc,
+                    current_ma: values.current_ma,
                     limit_s: LATE_LIMIT.as_secs_f64(),
                 });
             }
         }
-        self.show(sample_of(
-            self,
-            Dated::asked(motion, stamp),
-            Dated::asked(load, stamp),
-        ))
+        self.show(self.measured(values, stamp))
     }
 
-    async fn asked(&self) -> Result<(Motion, Load, Duration), Failure> {
+    async fn asked(&self) -> Result<(Values, Duration), Failure> {
+        // The load first: a current that rises is then told where the axis is or has passed, never before, so that blade
+        // on blade is not taken for tissue.
+        let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
+        let inputs = self.node.read(objects::DIGITAL_INPUTS).await?;
         // The position dates the sample: much time of the bus may pass between two answers, and a drive
         // must not be held for late by where it was before that.
         let position = self.node.read_stamped(objects::POSITION_ACTUAL).await?;
-        let load = Load {
-            current_ma: self.node.read(objects::CURRENT_ACTUAL).await?,
-            inputs: self.node.read(objects::DIGITAL_INPUTS).await?,
-        };
-        let motion = Motion {
-            statusword: Statusword(self.node.read(objects::STATUSWORD).await?),
+        let values = Values {
             position_qc: position.value,
+            current_ma,
+            inputs,
+            statusword: Statusword(self.node.read(objects::STATUSWORD).await?),
         };
-        Ok((motion, load, position.stamp))
+        Ok((values, position.stamp))
     }
 
     /// Waits until the drive has to be looked at although nobody commands it, and looks: also at what it does not send.
     pub(in super::super) async fn look(&self) -> Result<Sample, Failure> {
-        let last = oldest(&self.process_data.image()).unwrap_or_default();
-        self.process_data.older_than(last, RESTING_LIMIT).await;
+        let image = self.process_data.image();
+        let oldest = Part::ALL
+            .into_iter()
+            .filter_map(|part| image.stamp(part))
+            .min();
+        tokio::select! {
+            () = self.process_data.past(oldest.unwrap_or_default() + RESTING_LIMIT) => {}
+            () = sleep(RESTING_LIMIT) => {}
+        }
         self.read_condition().await?;
         self.confirm().await
     }
@@ -135,10 +139,9 @@ impl Link {
 
     /// Shows what the drive has sent by itself.
     pub(in super::super) fn show_image(&self) -> Result<(), Failure> {
-        let image = self.process_data.image();
-        match (image.motion, image.load) {
-            (Some(motion), Some(load)) => self.show(sample_of(self, motion, load)).map(|_| ()),
-            _ => Ok(()),
+        match self.sample_of(&self.process_data.image()) {
+            Some(sample) => self.show(sample).map(|_| ()),
+            None => Ok(()),
         }
     }
 
@@ -150,19 +153,45 @@ impl Link {
             None => Err(Failure::UnknownStatusword(sample.statusword)),
         }
     }
-}
 
-fn sample_of(link: &Link, motion: Dated<Motion>, load: Dated<Load>) -> Sample {
-    Sample {
-        statusword: motion.value.statusword,
-        position: link.spec().drivetrain.to_position(motion.value.position_qc),
-        current_ma: f64::from(load.value.current_ma),
-        inputs: load.value.inputs,
-        stamp: motion.stamp,
+    fn sample_of(&self, image: &Image) -> Option<Sample> {
+        Some(self.measured(image.values()?, image.stamp(Part::Motion)?))
+    }
+
+    fn measured(&self, values: Values, stamp: Duration) -> Sample {
+        Sample {
+            statusword: values.statusword,
+            position: self.spec().drivetrain.to_position(values.position_qc),
+            current_ma: f64::from(values.current_ma),
+            inputs: values.inputs,
+            stamp,
+        }
     }
 }
 
-/// When the older of the two parts was sent or confirmed; `None` while one is missing.
-fn oldest(image: &Image) -> Option<Duration> {
-    Some(image.motion?.stamp.min(image.load?.stamp))
+/// When the drive is to be asked during a motion; `None` while a part has never come.
+fn due(image: &Image) -> Option<Duration> {
+    let due = |part| Some(image.stamp(part)? + limit(part));
+    let [status, motion, inputs] = Part::ALL.map(due);
+    Some(status?.min(motion?).min(inputs?))
+}
+
+/// Whether no part is older than its limit when the newest came.
+fn is_current(image: &Image) -> bool {
+    let newest = Part::ALL
+        .into_iter()
+        .filter_map(|part| image.stamp(part))
+        .max();
+    match (due(image), newest) {
+        (Some(due), Some(newest)) => newest <= due,
+        _ => false,
+    }
+}
+
+/// Inputs change rarely, and what they stop the drive stops itself.
+fn limit(part: Part) -> Duration {
+    match part {
+        Part::Status | Part::Motion => MOVING_LIMIT,
+        Part::Inputs => RESTING_LIMIT,
+    }
 }

@@ -11,25 +11,20 @@ use tokio::time::{sleep, timeout};
 
 use super::super::board::Readiness;
 use super::super::link::Link;
-use super::super::process_data::{
-    CONTROL_PDO, LOAD_PDO, MOTION_PDO, control_mapping, load_mapping, motion_mapping,
-};
-use crate::config::Cell;
+use super::super::process_data::{CONTROL_PDO, Part, control_mapping};
+use crate::check::{self, Found};
 use crate::error::{Failure, object_reason};
 
 /// Between two tries, real time.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
 /// A change of the NMT state, and the process data after it, must come within this, real time.
 const NMT_LIMIT: Duration = Duration::from_secs(3);
-/// At most a hundred times a second.
-const INHIBIT: Duration = Duration::from_millis(10);
 /// Abort connection option code, object 0x6007: brake on the quick stop ramp, then switch the power off.
 const QUICK_STOP_THEN_OFF: i16 = 3;
 /// Communication error behaviour, object 0x1029:01: leave OPERATIONAL.
 const TO_PRE_OPERATIONAL: u8 = 0;
 /// PDOs that are not used.
-const UNUSED: [Pdo; 5] = [
-    Pdo::Transmit(3),
+const UNUSED: [Pdo; 4] = [
     Pdo::Transmit(4),
     Pdo::Receive(2),
     Pdo::Receive(3),
@@ -114,7 +109,7 @@ async fn try_set_up(link: &Link) -> Result<(), Obstacle> {
     // Entering OPERATIONAL, the drive sends everything that it is to send.
     let came = link
         .process_data()
-        .until(|image| image.is_renewed_since(&before));
+        .until(|image| Part::ALL.iter().all(|part| image.is_newer(*part, &before)));
     if timeout(NMT_LIMIT, came).await.is_err() {
         let detail = format!(
             "no process data within {} s of OPERATIONAL",
@@ -128,14 +123,13 @@ async fn try_set_up(link: &Link) -> Result<(), Obstacle> {
 
 /// Who the drive is, and whether it is set up for this axis.
 async fn identify(link: &Link) -> Result<(), Obstacle> {
-    let (node, cell, spec) = (link.node(), link.cell(), link.spec());
+    let node = link.node();
     let identity = Identity {
         vendor_id: node.read(objects::VENDOR_ID).await?,
         product_code: node.read(objects::PRODUCT_CODE).await?,
         revision: node.read(objects::REVISION_NUMBER).await?,
         serial_number: node.read(objects::SERIAL_NUMBER).await?,
     };
-    check_identity(identity, cell)?;
     let known = link.board().identity(link.axis());
     if let Some(known) = known.filter(|known| *known != identity) {
         let detail = format!(
@@ -149,31 +143,37 @@ async fn identify(link: &Link) -> Result<(), Obstacle> {
         );
         return Err(Obstacle::new("WRONG_NODE", detail));
     }
-    check(
-        "CONFIGURATION_MISMATCH",
-        "encoder resolution (0x3000:05)",
-        node.read(objects::MAIN_SENSOR_RESOLUTION).await?,
-        spec.drivetrain.quadcounts_per_motor_turn,
-    )?;
+    let found = found(node, &identity).await?;
+    let mismatches = check::mismatches(&found, link.cell(), link.settings());
+    if let Some(reason) = check::reason(&mismatches) {
+        let all: Vec<String> = mismatches.iter().map(ToString::to_string).collect();
+        return Err(Obstacle::new(reason, all.join("; ")));
+    }
     link.board()
         .update_axis(link.axis(), |state| state.identity = Some(identity));
     Ok(())
 }
 
-fn check_identity(identity: Identity, cell: &Cell) -> Result<(), Obstacle> {
-    let vendor = identity.vendor_id;
-    check("WRONG_DEVICE", "vendor (0x1018:01)", vendor, cell.vendor_id)?;
-    let product = identity.product_code;
-    let what = "product code (0x1018:02)";
-    check("WRONG_DEVICE", what, product, cell.product_code)
-}
-
-fn check(reason: &'static str, what: &str, found: u32, expected: u32) -> Result<(), Obstacle> {
-    if found == expected {
-        return Ok(());
+/// What the drive stores of what is checked.
+async fn found(node: &Node, identity: &Identity) -> Result<Found, network::Error> {
+    let mut input_functions = [0; objects::INPUT_COUNT as usize];
+    for (input, function) in (1..).zip(&mut input_functions) {
+        *function = node.read(objects::digital_input_function(input)).await?;
     }
-    let detail = format!("{what} is 0x{found:08X}, configured is 0x{expected:08X}");
-    Err(Obstacle::new(reason, detail))
+    Ok(Found {
+        vendor_id: identity.vendor_id,
+        product_code: identity.product_code,
+        main_sensor_resolution: node.read(objects::MAIN_SENSOR_RESOLUTION).await?,
+        encoder_pulses: node.read(objects::ENCODER_PULSES).await?,
+        gear_numerator: node.read(objects::GEAR_NUMERATOR).await?,
+        gear_denominator: node.read(objects::GEAR_DENOMINATOR).await?,
+        output_current_limit_ma: node.read(objects::OUTPUT_CURRENT_LIMIT).await?,
+        min_position_limit: node.read(objects::MIN_POSITION_LIMIT).await?,
+        max_position_limit: node.read(objects::MAX_POSITION_LIMIT).await?,
+        input_functions,
+        input_polarity: node.read(objects::INPUT_POLARITY).await?,
+        supported_drive_modes: node.read(objects::SUPPORTED_DRIVE_MODES).await?,
+    })
 }
 
 /// What the drive does by itself when something goes wrong: also when this host is not heard any more.
@@ -191,19 +191,27 @@ async fn guard(link: &Link) -> Result<(), Obstacle> {
 
 /// What the drive sends and takes as process data.
 async fn map(node: &Node) -> Result<(), Obstacle> {
-    let [motion, load, control] = [motion_mapping(), load_mapping(), control_mapping()]
-        .map(|mapping| mapping.map_err(|error| Obstacle::new("NO_PROCESS_DATA", error)));
+    let unmapped = |error| Obstacle::new("NO_PROCESS_DATA", error);
     for pdo in UNUSED {
         node.turn_off_pdo(pdo).await?;
     }
-    let on_change = Transmission::OnChange;
-    node.map_transmit_pdo(MOTION_PDO, &motion?, on_change, INHIBIT)
-        .await?;
-    node.map_transmit_pdo(LOAD_PDO, &load?, on_change, INHIBIT)
-        .await?;
-    node.map_receive_pdo(CONTROL_PDO, &control?, on_change)
+    for part in Part::ALL {
+        let mapping = part.mapping().map_err(unmapped)?;
+        node.map_transmit_pdo(part.pdo(), &mapping, Transmission::OnChange, inhibit(part))
+            .await?;
+    }
+    let control = control_mapping().map_err(unmapped)?;
+    node.map_receive_pdo(CONTROL_PDO, &control, Transmission::OnChange)
         .await?;
     Ok(())
+}
+
+/// The statusword comes at once, what changes all the time a hundred times a second at most.
+fn inhibit(part: Part) -> Duration {
+    match part {
+        Part::Status => Duration::from_millis(1),
+        Part::Motion | Part::Inputs => Duration::from_millis(10),
+    }
 }
 
 /// Writes a setting on which safety rests, and reads it back.

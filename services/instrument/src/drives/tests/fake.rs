@@ -18,6 +18,11 @@ use epos4_link::frame::Frame;
 use epos4_link::objects;
 use tokio::sync::watch;
 
+/// Where the blades touch, 10 mm.
+const CLOSED_QC: f64 = 215_040.0;
+/// Blade on blade, 2000 mA/mm.
+const MA_PER_QC: f64 = 2000.0 / 21_504.0;
+
 /// The bus with its drives. Clones are the same.
 #[derive(Clone)]
 pub(super) struct FakeCell {
@@ -52,6 +57,8 @@ pub(super) struct Drive {
     pub(super) obstacle_qc: Option<f64>,
     /// What the motor draws while it moves, mA.
     pub(super) running_ma: i32,
+    /// The motor turns and the jaw does not close.
+    pub(super) belt_slips: bool,
     /// Neither answers nor sends.
     pub(super) dead: bool,
     /// Read instead of the true statusword.
@@ -59,8 +66,8 @@ pub(super) struct Drive {
     pub(super) fault_persists: bool,
     /// Sends no process data.
     pub(super) mute: bool,
-    /// What was sent last in TPDO 1 and 2, and when.
-    sent_pdos: [Option<(Vec<u8>, u64)>; 2],
+    /// What was sent last in TPDO 1 to 3, and when.
+    sent_pdos: [Option<(Vec<u8>, u64)>; 3],
     /// Controlwords in the order of their coming.
     pub(super) controlwords: Vec<u16>,
     /// Targets that were taken.
@@ -128,17 +135,23 @@ impl FakeCell {
     pub(super) fn fault(&self, node_id: usize, code: u16) {
         self.change(node_id, |drive| drive.enter_fault(code));
         let emergency = Emergency::new(code, 1).encode(node_id as u8);
-        self.bus.attach().send(emergency).unwrap();
+        self.inject(emergency);
     }
 
     /// Nothing is heard of the drive between its end and its boot-up message.
     pub(super) fn restart(&self, node_id: usize) {
+        self.restart_as(node_id, |_| {});
+    }
+
+    /// The same, and the drive is otherwise than before.
+    pub(super) fn restart_as(&self, node_id: usize, change: impl FnOnce(&mut Drive)) {
         self.change(node_id, |drive| {
             *drive = Drive::new(node_id as u8);
+            change(drive);
             drive.dead = true;
         });
         let boot_up = heartbeat::encode(node_id as u8, nmt::State::BootUp);
-        self.bus.attach().send(boot_up).unwrap();
+        self.inject(boot_up);
         self.change(node_id, |drive| drive.dead = false);
     }
 
@@ -211,7 +224,7 @@ impl FakeCell {
                     .filter(|drive| target.includes(drive.node_id) && !drive.dead)
                 {
                     drive.nmt_state = command.outcome();
-                    drive.sent_pdos = [const { None }; 2];
+                    drive.sent_pdos = [const { None }; 3];
                     answers.push(heartbeat::encode(drive.node_id, drive.nmt_state));
                     answers.extend(drive.process_data(now_us));
                 }
@@ -267,11 +280,12 @@ impl Drive {
             controlword: 0,
             obstacle_qc: None,
             running_ma: 40,
+            belt_slips: false,
             dead: false,
             statusword: None,
             fault_persists: false,
             mute: false,
-            sent_pdos: [const { None }; 2],
+            sent_pdos: [const { None }; 3],
             controlwords: Vec::new(),
             targets_qc: Vec::new(),
         };
@@ -280,6 +294,9 @@ impl Drive {
         drive.set(objects::ENCODER_PULSES, 512);
         drive.set(objects::GEAR_NUMERATOR, 21);
         drive.set(objects::OUTPUT_CURRENT_LIMIT, 800);
+        drive.set(objects::INPUT_POLARITY, if node_id == 2 { 1 } else { 0 });
+        // Every switch is free.
+        drive.set(objects::INPUT_LEVELS, if node_id == 2 { 1 } else { 0 });
         drive
     }
 
@@ -294,7 +311,7 @@ impl Drive {
             .unwrap_or_default()
     }
 
-    fn enter_fault(&mut self, code: u16) {
+    pub(super) fn enter_fault(&mut self, code: u16) {
         self.state = State::Fault;
         self.target_qc = None;
         self.set(objects::ERROR_CODE, code);
@@ -335,13 +352,13 @@ impl Drive {
         frames
     }
 
-    /// What has changed in TPDO 1 and 2, no more often than their inhibit time allows.
+    /// What has changed in TPDO 1 to 3, no more often than their inhibit time allows.
     fn process_data(&mut self, now_us: u64) -> Vec<Frame> {
         if self.dead || self.mute || self.nmt_state != nmt::State::Operational {
             return Vec::new();
         }
         let mut frames = Vec::new();
-        for number in [1, 2] {
+        for number in [1, 2, 3] {
             let records = Address::new(0x19FF + number, 0);
             let count = self.objects[&records][0];
             let mut payload = Vec::new();
@@ -433,7 +450,21 @@ impl Drive {
         word
     }
 
+    fn active_functions(&self) -> u32 {
+        let active = self.get(objects::INPUT_LEVELS) ^ self.get(objects::INPUT_POLARITY);
+        (1..=objects::INPUT_COUNT)
+            .filter(|input| active >> (input - 1) & 1 == 1)
+            .map(|input| self.get(objects::digital_input_function(input)))
+            .filter(|function| *function < 32)
+            .fold(0, |functions, function| functions | 1 << function)
+    }
+
     fn current_ma(&self) -> i32 {
+        // Blade on blade.
+        let beyond_qc = self.position_qc - CLOSED_QC;
+        if beyond_qc > 0.0 && self.node_id == 2 && !self.belt_slips {
+            return self.running_ma + (beyond_qc * MA_PER_QC) as i32;
+        }
         match self.target_qc {
             Some(_) if self.demand_qc != self.position_qc => {
                 self.get(objects::OUTPUT_CURRENT_LIMIT) as i32
@@ -456,6 +487,7 @@ impl Dictionary for Drive {
             (0x6064, 0) => (self.position_qc as i32).to_le_vec(),
             (0x606C, 0) => 0_i32.to_le_vec(),
             (0x30D1, 2) => self.current_ma().to_le_vec(),
+            (0x60FD, 0) => self.active_functions().to_le_vec(),
             _ => {
                 return self
                     .objects

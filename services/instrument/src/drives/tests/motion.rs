@@ -61,3 +61,41 @@ async fn a_motion_goes_on_when_nobody_watches_it() {
         State::OperationEnabled
     );
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_reference_that_falls_during_a_move_is_a_fault() {
+    let mut world = World::homed().await;
+    let mut ticket = world.long_move().await;
+    world.cell.change(FORCEPS_FEED, |drive| drive.homed = false);
+    world.cell.let_time_go();
+    let ended = ticket.ended().await.unwrap().operation;
+    assert_eq!(ended.reason, "REFERENCE_LOST");
+    assert_eq!(world.fault(Axis::ForcepsFeed), "REFERENCE_LOST");
+    world
+        .cell
+        .until(FORCEPS_FEED, |drive| drive.state == State::QuickStopActive)
+        .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_homing_that_is_broken_off_is_named() {
+    let mut world = World::ready().await;
+    world.cell.hold_time();
+    let mut ticket = world
+        .begin(Command::Home(vec![Axis::ForcepsFeed]))
+        .await
+        .unwrap();
+    world
+        .cell
+        .until(FORCEPS_FEED, |drive| {
+            drive.controlwords.last() == Some(&0x001F)
+        })
+        .await;
+    world.cell.change(FORCEPS_FEED, |drive| {
+        drive.state = State::SwitchedOn;
+    });
+    world.cell.let_time_go();
+    let ended = ticket.ended().await.unwrap().operation;
+    assert_eq!(ended.reason, "HOMING_INTERRUPTED");
+    assert_eq!(world.fault(Axis::ForcepsFeed), "HOMING_INTERRUPTED");
+}

@@ -47,6 +47,33 @@ async fn a_drive_of_another_kind_is_not_commanded() {
     assert!(world.cell.drive(FORCEPS_FEED).controlwords.is_empty());
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_drive_with_other_settings_is_not_commanded_and_every_mismatch_is_told() {
+    let cell = FakeCell::start();
+    cell.change(FORCEPS_FEED, |drive| {
+        drive.set(objects::GEAR_NUMERATOR, 16);
+        drive.set(objects::INPUT_POLARITY, 0);
+    });
+    let world = World::start(cell);
+    let not_ready = Readiness::NotReady {
+        reason: "CONFIGURATION_MISMATCH",
+        detail: "gear reduction numerator (0x3003:01) is 16/1, configured is 21/1; digital input polarity (0x3141:02) is \
+                 0x0000: input 1 is active high, configured is active low"
+            .to_owned(),
+    };
+    world
+        .until(|state| state.axes[1].readiness == not_ready)
+        .await;
+    // Put right, it is taken without a restart of the service.
+    world.cell.change(FORCEPS_FEED, |drive| {
+        drive.set(objects::GEAR_NUMERATOR, 21);
+        drive.set(objects::INPUT_POLARITY, 1);
+    });
+    world
+        .until(|state| state.axes[1].readiness == Readiness::Ready)
+        .await;
+}
+
 #[tokio::test]
 async fn the_service_starts_without_a_bus_and_says_so() {
     let unused = std::net::TcpListener::bind("127.0.0.1:0")
@@ -78,4 +105,33 @@ async fn the_service_starts_without_a_bus_and_says_so() {
         Some("STOP_NOT_CONFIRMED")
     );
     owner.abort();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_drive_that_was_set_up_for_another_axis_is_refused_by_name() {
+    let cell = FakeCell::start();
+    cell.change(FORCEPS_FEED, |drive| {
+        drive.set(objects::GEAR_NUMERATOR, 84);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 4500);
+    });
+    let world = World::start(cell);
+    world
+        .until(|state| {
+            let readiness = &state.axes[1].readiness;
+            matches!(
+                readiness,
+                Readiness::NotReady {
+                    reason: "CONFIGURATION_MISMATCH",
+                    ..
+                }
+            )
+        })
+        .await;
+    let snapshot = world.handle.snapshot();
+    let Readiness::NotReady { detail, .. } = &snapshot.axes[1].readiness else {
+        panic!("ready");
+    };
+    for part in ["0x3003:01", "84", "0x3001:02", "4500 mA"] {
+        assert!(detail.contains(part), "{detail}");
+    }
 }

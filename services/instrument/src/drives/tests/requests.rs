@@ -1,4 +1,12 @@
+use arthro_proto::instrument::v1 as proto;
+use arthro_proto::instrument::v1::axis_position::Value as Position;
+use arthro_proto::instrument::v1::instrument_service_server::InstrumentService as _;
+use epos4_link::canopen::object::Address;
+use epos4_link::canopen::sdo::AbortCode;
+use tonic::Code;
+
 use super::*;
+use crate::server::Instrument;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn objects_are_read_and_written_but_none_that_moves_the_drive() {
@@ -89,14 +97,62 @@ async fn bad_requests_name_field_value_and_limit() {
         );
         assert_eq!(arthro_bootstrap::status::violations(&status).len(), 1);
     }
-    let bite = proto::BiteRequest {
+    let bites = [
+        (
+            501.0,
+            0.0,
+            "current_limit_ma: is 501; must be within 120 to 500, or 0 for 500",
+        ),
+        (
+            f64::NAN,
+            0.0,
+            "current_limit_ma: is NaN; must be within 120 to 500, or 0 for 500",
+        ),
+        (
+            300.0,
+            30.0,
+            "force_limit_n: is 30 and current_limit_ma is 300; a bite has one limit",
+        ),
+        (
+            0.0,
+            170.0,
+            "force_limit_n: is 170 N, 501 mA; must be within 120 to 500 mA, 22.7 to 169.5 N",
+        ),
+        (
+            0.0,
+            1000.0,
+            "force_limit_n: is refused: 1000 N is outside of the calibrated 0 to 270 N",
+        ),
+        (
+            0.0,
+            f64::NAN,
+            "force_limit_n: is refused: NaN N is outside of the calibrated 0 to 270 N",
+        ),
+    ];
+    for (current_limit_ma, force_limit_n, message) in bites {
+        let bite = proto::BiteRequest {
+            authorization: authorization(),
+            current_limit_ma,
+            force_limit_n,
+        };
+        let status = server.bite(tonic::Request::new(bite)).await.unwrap_err();
+        assert_eq!(
+            (status.code(), status.message()),
+            (Code::InvalidArgument, message)
+        );
+    }
+    let switches = proto::CommissionSwitchesRequest {
         authorization: authorization(),
-        current_limit_ma: 501.0,
+        axis: feed,
+        timeout_s: 0.5,
     };
-    let status = server.bite(tonic::Request::new(bite)).await.unwrap_err();
+    let status = server
+        .commission_switches(tonic::Request::new(switches))
+        .await
+        .unwrap_err();
     assert_eq!(
         status.message(),
-        "current_limit_ma: is 501; must be within 1 to 500, or 0 for 500"
+        "timeout_s: is 0.5; must be within 1 to 600, or 0 for 60"
     );
     let unauthorized = proto::OpenJawRequest {
         authorization: None,
@@ -109,44 +165,4 @@ async fn bad_requests_name_field_value_and_limit() {
         arthro_bootstrap::status::violations(&status)[0].0,
         "authorization"
     );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
-    use tokio_stream::StreamExt as _;
-    let mut world = World::homed().await;
-    let server = Instrument::new(world.handle.clone(), Drain::never());
-    let Authorization {
-        fencing_token,
-        operation_id,
-    } = world.authorization();
-    let authorization = Some(arthro_proto::common::v1::Authorization {
-        fencing_token,
-        operation_id,
-    });
-    let request = proto::BiteRequest {
-        authorization,
-        current_limit_ma: 0.0,
-    };
-    for repeated in [false, true] {
-        let stream = server
-            .bite(tonic::Request::new(request.clone()))
-            .await
-            .unwrap()
-            .into_inner();
-        let messages: Vec<_> = stream.map(Result::unwrap).collect().await;
-        let last = messages.last().unwrap();
-        let operation = last.operation.as_ref().unwrap();
-        assert_eq!(operation.repeated, repeated);
-        assert_eq!(
-            operation.state(),
-            arthro_proto::common::v1::OperationState::Done
-        );
-        assert_eq!(
-            (last.jaw(), last.peak_current_ma),
-            (proto::JawState::ClosedEmpty, 40.0)
-        );
-        assert!(!last.state.as_ref().unwrap().moving);
-    }
-    assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
 }
