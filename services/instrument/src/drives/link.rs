@@ -223,6 +223,14 @@ impl Link {
         }
     }
 
+    /// Switches the power off and has the drive not wait for this host's heartbeat any more: its silence is meant.
+    pub(super) async fn let_go(&self) -> Result<(), Failure> {
+        let off = Command::DisableVoltage.controlword();
+        self.node.write(objects::CONTROLWORD, off).await?;
+        self.node.write(objects::CONSUMER_HEARTBEAT_1, 0).await?;
+        Ok(())
+    }
+
     /// Acknowledges the drive's error, if it has one. The motor stays without power.
     pub(super) async fn reset_fault(&self) -> Result<(), Failure> {
         let mut limit = Limit::new(TRANSITION_LIMIT);

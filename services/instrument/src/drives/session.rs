@@ -23,7 +23,7 @@ use crate::axis::Axis;
 use crate::config::Cell;
 use crate::error::{Failure, Refusal};
 
-use self::live::{Live, stop_all};
+use self::live::{Live, leave_all, stop_all};
 #[cfg(test)]
 pub(crate) use self::way::Connected;
 pub(crate) use self::way::{ByAddress, Way};
@@ -197,6 +197,15 @@ impl Session {
 
     /// Begins to quick-stop every drive that has been reached.
     pub(super) fn begin_stop(&mut self) {
+        self.begin(|links| Box::pin(stop_all(links)));
+    }
+
+    /// Begins to stop every drive that has been reached and to leave it.
+    pub(super) fn begin_leaving(&mut self) {
+        self.begin(|links| Box::pin(leave_all(links)));
+    }
+
+    fn begin(&mut self, stopping: impl FnOnce([Option<Link>; 4]) -> Work<Result<(), Refusal>>) {
         let State::Live(live) = &mut self.state else {
             return;
         };
@@ -209,7 +218,7 @@ impl Session {
             let links = live
                 .links()
                 .map(|link| link.filter(|link| known[link.axis().index()]));
-            live.stopping = Some(Box::pin(stop_all(links)));
+            live.stopping = Some(stopping(links));
         }
     }
 

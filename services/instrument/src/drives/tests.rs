@@ -39,6 +39,7 @@ struct World {
     restarts: Arc<AtomicU32>,
     /// Whether the bus takes no frames.
     is_choked: Arc<AtomicBool>,
+    shut_down: Option<oneshot::Sender<()>>,
     owner: JoinHandle<()>,
 }
 
@@ -125,7 +126,10 @@ impl World {
             is_choked: is_choked.clone(),
         };
         let (drives, handle) = Drives::with_way(config.check().unwrap(), Box::new(way));
-        let owner = tokio::spawn(drives.run(Drain::never()));
+        let (shut_down, draining) = oneshot::channel::<()>();
+        let owner = tokio::spawn(drives.run_until(async move {
+            draining.await.ok();
+        }));
         Self {
             cell,
             handle,
@@ -133,6 +137,7 @@ impl World {
             operations: 0,
             restarts,
             is_choked,
+            shut_down: Some(shut_down),
             owner,
         }
     }

@@ -21,8 +21,8 @@ use crate::axis::Axis;
 use crate::config::Cell;
 use crate::error::{Failure, Refusal};
 
-/// Between two looks at whether a commanded drive is commanded still, real time.
-const COMMANDED_PAUSE: Duration = Duration::from_millis(50);
+/// Between two looks at a drive, real time: a cell that runs faster than real time is not asked more often than this.
+const LOOK_PAUSE: Duration = Duration::from_millis(50);
 
 pub(super) struct Live {
     network: Network,
@@ -196,14 +196,17 @@ fn poll_option<T>(work: &mut Option<Work<T>>, context: &mut Context<'_>) -> Poll
 async fn look(link: Link) -> Failure {
     loop {
         if link.board().is_commanded(link.axis()) {
-            sleep(COMMANDED_PAUSE).await;
+            sleep(LOOK_PAUSE).await;
             continue;
         }
         if let Err(failure) = notice_fault(&link).await {
             return failure;
         }
         let looked = tokio::select! {
-            looked = link.look() => looked.map(|_| ()),
+            looked = async {
+                sleep(LOOK_PAUSE).await;
+                link.look().await
+            } => looked.map(|_| ()),
             // Commands and faults are noticed at once.
             () = link.until_shown_otherwise() => Ok(()),
         };
@@ -237,4 +240,16 @@ pub(super) async fn stop_all(links: [Option<Link>; 4]) -> Result<(), Refusal> {
     } else {
         Err(Refusal::StopNotConfirmed(failures.join("; ")))
     }
+}
+
+/// Stops all; when they have confirmed, they are left without power and do not wait for this host any more. Otherwise it is
+/// this host's silence that stops them.
+pub(super) async fn leave_all(links: [Option<Link>; 4]) -> Result<(), Refusal> {
+    stop_all(links.clone()).await?;
+    for link in links.into_iter().flatten() {
+        if let Err(failure) = link.let_go().await {
+            tracing::warn!(axis = %link.axis(), %failure, "the drive was not let go");
+        }
+    }
+    Ok(())
 }

@@ -36,3 +36,23 @@ async fn a_silent_bus_is_a_fault_of_every_axis_and_stop_says_that_it_cannot() {
     let refused = world.handle.stop("nobody hears".into()).await.unwrap_err();
     assert!(matches!(refused, Refusal::StopNotConfirmed(_)), "{refused}");
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_service_that_shuts_down_leaves_drives_that_stand_without_power_and_do_not_miss_it() {
+    let mut world = World::homed().await;
+    let mut ticket = world.long_move().await;
+    world.shut_down.take().unwrap().send(()).unwrap();
+    let ended = ticket.ended().await.unwrap().operation;
+    assert_eq!(ended.reason, "SHUTDOWN");
+    for node_id in 1..=4 {
+        world
+            .cell
+            .until(node_id, |drive| {
+                drive.state == State::SwitchOnDisabled
+                    && drive.get(objects::CONSUMER_HEARTBEAT_1) == 0
+            })
+            .await;
+    }
+    let words = world.cell.drive(FORCEPS_FEED).controlwords;
+    assert_eq!(words[words.len() - 3..], [0x0002, 0x0002, 0x0000]);
+}
