@@ -92,6 +92,11 @@ impl ContactWatch {
         self.contact
     }
 
+    /// The current of the free jaw as far as it was learnt, mA.
+    pub fn free_ma(&self) -> f64 {
+        self.learnt.mean_ma
+    }
+
     /// The highest current since the motor had its speed, mA.
     pub fn peak_ma(&self) -> f64 {
         self.peak_ma

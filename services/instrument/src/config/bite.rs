@@ -30,7 +30,8 @@ pub struct BiteConfig {
     pub free_running_mm: f64,
     /// What the jaw's spring adds to that current, mA/mm.
     pub spring_ma_per_mm: f64,
-    /// What blade on blade draws at least, mA; 0: it is not looked for, and a slipping belt passes for a closed jaw.
+    /// How much the current rises over the last 0.2 mm when blade meets blade, at least, mA; 0: it is not looked for, and
+    /// a slipping belt passes for a closed jaw.
     pub blades_touch_current_ma: f64,
     /// How far the feed presses on to feel it, mm.
     pub blades_touch_mm: f64,
