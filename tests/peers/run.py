@@ -13,6 +13,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import tempfile
 import time
 
 import ur5
@@ -65,12 +66,19 @@ def run(clients):
     return failed
 
 
+def data_sheet(arthro):
+    """The drives' electronic data sheet in a file."""
+    path = pathlib.Path(tempfile.mkdtemp()) / "epos4.eds"
+    subprocess.run([arthro, "can", "eds", "--out", path], check=True, stdout=subprocess.DEVNULL)
+    return path
+
+
 def cell(arthro):
     """Clients of the whole cell: how many ran, and how many failed."""
     hosts = arm_hosts()
     process, described = simulator(arthro, hosts)
     try:
-        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", described["canAddress"]]]
+        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", described["canAddress"], data_sheet(arthro)]]
         return len(clients), sum(run([client]) for client in clients)
     finally:
         process.stdin.close()

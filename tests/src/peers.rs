@@ -5,19 +5,24 @@ use std::process::Output;
 
 use tokio::process::Command;
 
-/// Runs a foreign program to its end.
-pub async fn run(program: &str, arguments: &[&str]) -> Output {
+/// Where a foreign program is.
+pub fn program(name: &str) -> PathBuf {
     let folder = std::env::var_os("ARTHRO_PEERS").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../target/peers")),
         PathBuf::from,
     );
-    let path = folder.join("bin").join(program);
+    let path = folder.join("bin").join(name);
     assert!(
         path.is_file(),
         "{} does not exist; `tests/run system` installs it",
         path.display()
     );
-    Command::new(path)
+    path
+}
+
+/// Runs a foreign program to its end.
+pub async fn run(name: &str, arguments: &[&str]) -> Output {
+    Command::new(program(name))
         .args(arguments)
         .output()
         .await

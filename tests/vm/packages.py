@@ -38,25 +38,27 @@ class Apt:
         missing = [tool for tool in ("apt-get", "apt-cache", "dpkg-deb") if shutil.which(tool) is None]
         if missing:
             raise Missing(f"{', '.join(missing)} not found: the packages come from Debian, so this needs a Debian machine")
-        self.packages = folder / "packages"
+        self.folder, self.packages = folder, folder / "packages"
         (self.packages / "partial").mkdir(parents=True, exist_ok=True)
+        # Nothing is installed, so nobody is in the way of it.
         self.options = ["-o", "Debug::NoLocking=1", "-o", f"Dir::Cache::archives={self.packages}", "-o", "APT::Sandbox::User="]
-        if self.kernel_package(required=False) is None:
-            lists, cache = folder / "lists", folder / "cache"
-            (lists / "partial").mkdir(parents=True, exist_ok=True)
-            cache.mkdir(exist_ok=True)
-            self.options += ["-o", f"Dir::State::lists={lists}", "-o", f"Dir::Cache={cache}"]
-            run(["apt-get", *self.options, "update"])
 
-    def kernel_package(self, required=True):
+    def update(self):
+        """Fetches lists of packages of our own: those of the machine are absent, or too old for the server."""
+        (self.folder / "lists/partial").mkdir(parents=True, exist_ok=True)
+        self.options += ["-o", f"Dir::State::lists={self.folder / 'lists'}", "-o", f"Dir::Cache={self.folder}"]
+        run(["apt-get", *self.options, "update"])
+
+    def kernel_package(self):
         """The package that `linux-image-amd64` stands for at present."""
         told = subprocess.run(["apt-cache", *self.options, "depends", "linux-image-amd64"], capture_output=True, text=True)
         found = re.search(r"Depends: (linux-image-\S+-amd64)\b", told.stdout)
-        if found is None and required:
+        if found is None:
             raise Missing("apt knows no linux-image-amd64: this needs the package sources of Debian (amd64)")
-        return found and found[1]
+        return found[1]
 
     def fetch(self):
+        """The kernel's release, once all packages are there."""
         kernel = self.kernel_package()
         run(["apt-get", *self.options, "download", kernel, *FETCHED], cwd=self.packages)
         # Installing would remove packages that stand in the way; fetching removes nothing.
@@ -75,15 +77,24 @@ def unpack(packages, root):
 
 
 def ensure(folder):
-    """The folder with everything unpacked, and the kernel's release."""
-    root, told = folder / "root", folder / "unpacked.json"
+    """Where everything is unpacked below `folder`, and the kernel's release."""
+    told = folder / "unpacked.json"
+    wanted = {"packages": [*FETCHED, *INSTALLABLE], "kernel_files": [*KERNEL_FILES]}
     if told.exists():
-        return root, json.loads(told.read_text())["kernel"]
-    shutil.rmtree(root, ignore_errors=True)
-    root.mkdir(parents=True)
+        there = json.loads(told.read_text())
+        if there["wanted"] == wanted:
+            return folder / "root", there["kernel"]
+        told.unlink()
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "root").mkdir(parents=True)
     apt = Apt(folder)
-    kernel = apt.fetch()
-    unpack(apt.packages, root)
+    try:
+        kernel = apt.fetch()
+    except Missing:
+        apt.update()
+        kernel = apt.fetch()
+    unpack(apt.packages, folder / "root")
     shutil.rmtree(apt.packages)
-    told.write_text(json.dumps({"kernel": kernel}))
-    return root, kernel
+    shutil.rmtree(folder / "lists", ignore_errors=True)
+    told.write_text(json.dumps({"kernel": kernel, "wanted": wanted}))
+    return folder / "root", kernel

@@ -6,10 +6,15 @@ use std::path::PathBuf;
 use arthro_geometry::Point3;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+mod can;
 mod local;
 mod planning;
 mod robot;
 
+pub use can::{
+    Can, CanCommand, Dump, Eds, Faults, NmtCommand, NmtOrder, NmtTarget, ObjectKind, Sdo, SdoRead,
+    SdoWrite,
+};
 pub use local::{
     Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
     Reconstruct, Register,
@@ -82,6 +87,8 @@ pub enum Command {
     Calibrate(Calibrate),
     /// Shows, jogs, recovers and teaches the arms, and asks their controllers: for the engineer at the bench.
     Robot(Robot),
+    /// Talks CANopen with the drives: for the engineer at the bench.
+    Can(Can),
 }
 
 #[derive(Debug, Args)]

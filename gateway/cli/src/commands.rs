@@ -22,7 +22,9 @@ use crate::exit::Failure;
 use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
-use crate::{bench, calibrate, cell, demo, evaluate, plan, reconstruct, register, robot, scene};
+use crate::{
+    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, register, robot, scene,
+};
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
@@ -40,6 +42,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
         Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
+        Command::Can(arguments) => Box::pin(can::run(arguments, output)).await,
         Command::Robot(arguments) => Box::pin(robot::run(arguments, output)).await,
         Command::Run(run) => {
             let mut gateway = connect().await?;

@@ -23,6 +23,11 @@ impl Output {
         Self { json }
     }
 
+    /// Whether a program reads the result.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
     /// What is going on, for a person; goes to standard error.
     pub fn note(&self, text: impl AsRef<str>) {
         // A closed terminal is no reason to stop a procedure.

@@ -59,18 +59,29 @@ pub struct Travel {
     pub highest: f64,
 }
 
-/// Encoder, gear, and what turns the gear's output into the axis' movement.
+/// Encoder, gear, belt, and the screw or turn that makes the axis' movement of it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Drivetrain {
     /// Four times the encoder's pulses.
     pub quadcounts_per_motor_turn: u32,
-    /// Motor turns for one of the gear's output, numerator.
-    pub gear_numerator: u32,
-    /// Denominator.
-    pub gear_denominator: u32,
-    /// mm (screw lead) or degrees (360 times the belt's ratio) for one turn of the gear's output. Negative where the
-    /// motor turns the other way round.
-    pub travel_per_gear_turn: f64,
+    /// Motor turns for one turn of the gear's output.
+    pub gear: Ratio,
+    /// Turns of the gear's output for one of the screw or of the rotation: the driven pulley's teeth over the driving
+    /// pulley's.
+    pub belt: Ratio,
+    /// mm for one turn of the screw, its lead; 360 degrees for a rotation. Positive.
+    pub travel_per_turn: f64,
+    /// Whether the axis goes up while the encoder counts down.
+    pub reversed: bool,
+}
+
+/// A ratio as a fraction, so that nothing is rounded before the end. Neither is 0.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Ratio {
+    /// Above.
+    pub numerator: u32,
+    /// Below.
+    pub denominator: u32,
 }
 
 /// A position that the axis cannot take.
@@ -115,6 +126,11 @@ impl Axis {
             Self::ForcepsRotation | Self::ArthroscopeRotation => Unit::Degree,
             Self::ForcepsFeed | Self::ArthroscopeFeed => Unit::Millimetre,
         }
+    }
+
+    /// Whether its feed closes the jaw.
+    pub const fn closes_jaw(self) -> bool {
+        matches!(self, Self::ForcepsFeed)
     }
 
     /// Its place in [`Axis::ALL`].
@@ -213,10 +229,33 @@ impl Drivetrain {
             .max(1)
     }
 
+    /// What the axis does in one turn of the motor, in its unit.
+    pub fn travel_per_motor_turn(&self) -> f64 {
+        self.motor_turns_per_unit().abs().recip()
+    }
+
+    /// Products first and one division last: the whole is rounded twice, to 1 part in 2^52.
     fn motor_turns_per_unit(&self) -> f64 {
-        f64::from(self.gear_numerator)
-            / f64::from(self.gear_denominator)
-            / self.travel_per_gear_turn
+        let [gear, belt] = [self.gear, self.belt];
+        let above = f64::from(gear.numerator) * f64::from(belt.numerator);
+        let below =
+            f64::from(gear.denominator) * f64::from(belt.denominator) * self.travel_per_turn;
+        let sign = if self.reversed { -1.0 } else { 1.0 };
+        sign * above / below
+    }
+}
+
+impl Ratio {
+    /// Whether both are the same number, though not the same fraction.
+    pub fn equals(self, other: Self) -> bool {
+        u64::from(self.numerator) * u64::from(other.denominator)
+            == u64::from(other.numerator) * u64::from(self.denominator)
+    }
+}
+
+impl fmt::Display for Ratio {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.numerator, self.denominator)
     }
 }
 
@@ -267,9 +306,26 @@ mod tests {
     #[test]
     fn a_reversed_motor_counts_down() {
         let mut feed = spec(Axis::ForcepsFeed).drivetrain;
-        feed.travel_per_gear_turn = -2.0;
+        feed.reversed = true;
         assert_eq!(feed.to_quadcounts(1.0), -21_504);
+        assert_eq!(feed.to_position(-21_504), 1.0);
         assert_eq!(feed.to_rpm(1.0), 630);
+    }
+
+    #[test]
+    fn a_belt_multiplies_the_gear() {
+        let mut rotation = spec(Axis::ForcepsRotation).drivetrain;
+        // 40 teeth on the shaft, 16 on the gear.
+        rotation.belt = Ratio {
+            numerator: 40,
+            denominator: 16,
+        };
+        assert_eq!(rotation.to_quadcounts(360.0), 43_008 * 5 / 2);
+        let same = Ratio {
+            numerator: 5,
+            denominator: 2,
+        };
+        assert!(rotation.belt.equals(same) && !rotation.gear.equals(same));
     }
 
     #[test]
@@ -281,7 +337,71 @@ mod tests {
         assert_eq!(spec.move_duration_s(0.0, 5.0), 0.0);
     }
 
+    fn ratios() -> impl Strategy<Value = Ratio> {
+        (1..5000_u32, 1..500_u32).prop_map(|(numerator, denominator)| Ratio {
+            numerator,
+            denominator,
+        })
+    }
+
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
+
+        /// Against whole numbers: leads and positions in um or 1e-3 degrees.
+        #[test]
+        fn a_conversion_is_right_to_one_quadcount_over_the_whole_travel(
+            gear in ratios(),
+            belt in ratios(),
+            pulses in 16..100_000_u32,
+            lead in prop_oneof![Just(360_000_i64), 100..20_000_i64],
+            share in -1.0..1.0_f64,
+            reversed: bool,
+        ) {
+            let drivetrain = Drivetrain {
+                quadcounts_per_motor_turn: 4 * pulses,
+                gear,
+                belt,
+                travel_per_turn: lead as f64 / 1000.0,
+                reversed,
+            };
+            let farthest = f64::from(i32::MAX) / 2.0 / drivetrain.quadcounts_per_unit().abs();
+            let position = (share * farthest.min(400.0) * 1000.0).round() as i64;
+            let above = i128::from(position)
+                * i128::from(4 * pulses)
+                * i128::from(gear.numerator)
+                * i128::from(belt.numerator);
+            let below = i128::from(gear.denominator) * i128::from(belt.denominator) * i128::from(lead);
+            let exact = above / below * if reversed { -1 } else { 1 };
+            let counts = drivetrain.to_quadcounts(position as f64 / 1000.0);
+            prop_assert!((i128::from(counts) - exact).abs() <= 1, "{} {}", counts, exact);
+            prop_assert_eq!(drivetrain.to_quadcounts(drivetrain.to_position(counts)), counts);
+        }
+
+        /// Whatever is asked of an axis: what is accepted lies within the travel, and within the drive's own limits.
+        #[test]
+        fn no_target_beyond_the_travel_reaches_the_drive(
+            lowest in -400.0..400.0_f64,
+            span in 0.001..800.0_f64,
+            gear in ratios(),
+            reversed: bool,
+            asked in prop::collection::vec(prop_oneof![-1500.0..1500.0_f64, any::<f64>()], 20),
+        ) {
+            let mut spec = spec(Axis::ForcepsFeed);
+            spec.travel = Travel { lowest, highest: lowest + span };
+            spec.drivetrain.gear = gear;
+            spec.drivetrain.reversed = reversed;
+            let within = crate::check::position_limits(&spec);
+            let ends = [lowest, lowest + span].map(|end| spec.drivetrain.to_quadcounts(end));
+            let sent = asked
+                .iter()
+                .filter_map(|target| spec.check_target(*target).ok())
+                .map(|target| spec.drivetrain.to_quadcounts(target));
+            for target in sent {
+                prop_assert!((ends[0].min(ends[1])..=ends[0].max(ends[1])).contains(&target));
+                prop_assert!((within[0]..=within[1]).contains(&target));
+            }
+        }
+
         #[test]
         fn a_position_survives_the_counts_to_half_a_count(position in -1.0..14.0) {
             let feed = spec(Axis::ForcepsFeed).drivetrain;

@@ -1,24 +1,42 @@
-//! The bite: the forceps feed runs forward until the jaw is closed or something stops it, and the current says which.
+//! The bite: the forceps feed runs forward until the jaw is closed or something stops it. Where it stands says whether it
+//! is closed, the current says on what, and whatever does not fit together says that nobody knows.
+
+pub mod contact;
 
 use std::time::Duration;
 
 use epos4_link::cia402::{State, Statusword};
 
+use self::contact::{Contact, ContactSpec, ContactWatch};
+use crate::force::ForceTable;
 use crate::positioning::Sample;
 
 /// The bite of this forceps.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct BiteSpec {
-    /// Where the jaw is open.
+    /// Where the jaw is open, mm: a bite begins at or behind it.
     pub open_mm: f64,
-    /// Where the empty jaws touch.
+    /// Where the empty blades touch, mm.
     pub closed_mm: f64,
-    /// Closing speed.
-    pub speed_mm_s: f64,
-    /// The highest current of a bite.
+    /// How far before that the jaw counts as closed on what is between, mm.
+    pub closed_tolerance_mm: f64,
+    /// The highest current of a bite, mA.
     pub current_limit_ma: f64,
-    /// A current above this while closing means that something is between the jaws.
-    pub contact_current_ma: f64,
+    /// How contact is felt; with the closing speed.
+    pub contact: ContactSpec,
+    /// How blade on blade is felt; `None` where it is not looked for.
+    pub blades: Option<Blades>,
+    /// What the jaw presses with; `None` when nobody has measured it.
+    pub force: Option<ForceTable>,
+}
+
+/// Blade on blade: the feed presses on beyond the touch, and the current must rise.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Blades {
+    /// At least this, mA.
+    pub current_ma: f64,
+    /// Pressed on for, mm.
+    pub overtravel_mm: f64,
 }
 
 /// What is known of the jaw.
@@ -30,25 +48,42 @@ pub enum Jaw {
     Moving,
     /// Closed, and nothing was felt on the way.
     ClosedEmpty,
-    /// Something was felt on the way, or stopped it.
+    /// Closed, and something was felt on the way or is between the blades.
     ClosedOnTissue,
     /// After any doubt, until opened or homed.
     #[default]
     Unknown,
 }
 
+/// What a bite came to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum BiteResult {
+    /// The blades met and nothing was felt before.
+    ClosedEmpty,
+    /// Something was felt, and the jaw closed: through it, or on what is thin enough to count as closed.
+    ClosedOnTissue,
+    /// Stopped at the current limit with the jaw still open.
+    NotClosed,
+    /// Stopped otherwise: what the drive tells does not fit together, or something else holds it.
+    Stalled,
+}
+
 /// How a bite ended.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct BiteEnd {
-    /// Closed empty or on tissue.
-    pub jaw: Jaw,
+    /// What it came to.
+    pub result: BiteResult,
     /// Where the feed stands.
     pub position_mm: f64,
-    /// The highest current seen.
+    /// Where the jaw met something; `None` when it met nothing, or did so before the free current could be learnt.
+    pub contact_mm: Option<f64>,
+    /// The highest current seen, that of the acceleration too.
     pub peak_current_ma: f64,
+    /// The force at the highest current after the acceleration; `None` without table or outside of it.
+    pub force_n: Option<f64>,
 }
 
-/// Why a bite is in doubt.
+/// Why the jaw is not known to be closed.
 #[derive(Clone, Copy, PartialEq, Debug, thiserror::Error)]
 pub enum BiteError {
     /// The drive does not obey any more.
@@ -59,223 +94,350 @@ pub enum BiteError {
         /// What it reports.
         statusword: Statusword,
     },
-    /// It stands, and not because of the current.
-    #[error(
-        "stands at {position_mm:.3} mm short of {closed_mm} mm with {current_ma:.0} mA, below the limit of {limit_ma:.0} mA"
-    )]
-    StoodStill {
+    /// The position does not refer to the home point any more.
+    #[error("the reference was lost at {position_mm:.3} mm, statusword {statusword}")]
+    ReferenceLost {
         /// Where.
         position_mm: f64,
+        /// What it reports.
+        statusword: Statusword,
+    },
+    /// A bite begins with an open jaw.
+    #[error("the jaw stands at {position_mm:.3} mm; a bite begins at or behind {open_mm} mm")]
+    NotOpen {
+        /// Where.
+        position_mm: f64,
+        /// Where it should be at most.
+        open_mm: f64,
+    },
+    /// Stopped by the limit on the way.
+    #[error(
+        "stopped at {:.3} mm by the current limit of {limit_ma:.0} mA; the jaw is closed from {closed_from_mm} mm on",
+        .end.position_mm
+    )]
+    NotClosed {
+        /// As far as it came.
+        end: BiteEnd,
+        /// Of this bite.
+        limit_ma: f64,
+        /// Where it would count as closed.
+        closed_from_mm: f64,
+    },
+    /// The current went to the limit and the encoder shows no movement at all.
+    #[error(
+        "at the current limit of {limit_ma:.0} mA and never left {:.3} mm: the jaw is blocked, or its encoder stands still",
+        .end.position_mm
+    )]
+    NeverMoved {
+        /// Where it stands.
+        end: BiteEnd,
+        /// Of this bite.
+        limit_ma: f64,
+    },
+    /// It stands, and not because of the limit.
+    #[error(
+        "stands at {:.3} mm short of {target_mm} mm with {current_ma:.0} mA, below the limit of {limit_ma:.0} mA",
+        .end.position_mm
+    )]
+    Stalled {
+        /// As far as it came.
+        end: BiteEnd,
         /// Where it should be.
-        closed_mm: f64,
+        target_mm: f64,
         /// At the end.
         current_ma: f64,
         /// Of this bite.
         limit_ma: f64,
     },
+    /// It is where the blades must touch, and they do not.
+    #[error(
+        "reached {:.3} mm with at most {pressed_ma:.0} mA, but blade on blade draws {blades_ma:.0} mA: the encoder and the \
+         jaw do not go together",
+        .end.position_mm
+    )]
+    BladesNotFelt {
+        /// Where it stands.
+        end: BiteEnd,
+        /// The highest current where the blades should touch.
+        pressed_ma: f64,
+        /// What it should be.
+        blades_ma: f64,
+    },
+    /// It creeps.
+    #[error("at {:.3} mm after {} s and still not closed", .end.position_mm, .limit.as_secs_f64())]
+    TooSlow {
+        /// As far as it came.
+        end: BiteEnd,
+        /// The time it had.
+        limit: Duration,
+    },
 }
 
 /// Watches a closing jaw.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Watch {
     spec: BiteSpec,
     limit_ma: f64,
     tolerance_mm: f64,
+    start: (f64, Duration),
+    time_limit: Duration,
     peak_current_ma: f64,
-    contact: bool,
+    contact: ContactWatch,
+    /// The highest current where the blades may touch.
+    pressed_ma: f64,
     /// The farthest position and when it was reached.
     farthest: (f64, Duration),
 }
+
+// === impl BiteSpec ===
+
+impl BiteSpec {
+    /// Where the feed is sent.
+    pub fn target_mm(&self) -> f64 {
+        self.closed_mm + self.blades.map_or(0.0, |blades| blades.overtravel_mm)
+    }
+
+    /// From here on a current that rises may be that of the blades: contact is told to a tenth of a millimetre.
+    fn blades_from_mm(&self) -> f64 {
+        const CONTACT_ACCURACY_MM: f64 = 0.1;
+        self.closed_mm - CONTACT_ACCURACY_MM
+    }
+
+    /// From here on the jaw counts as closed.
+    pub fn closed_from_mm(&self) -> f64 {
+        self.closed_mm - self.closed_tolerance_mm
+    }
+}
+
+// === impl Jaw ===
+
+impl Jaw {
+    /// What was known of a jaw at rest, held against a new look at its axis: any contradiction is a doubt.
+    pub fn held_against(self, spec: &BiteSpec, tolerance_mm: f64, sample: Option<&Sample>) -> Self {
+        let fits = |within: &dyn Fn(f64) -> bool| {
+            sample.is_some_and(|sample| {
+                sample.statusword.has(Statusword::REFERENCED) && within(sample.position)
+            })
+        };
+        // Without power nothing holds it closed.
+        let has_power =
+            sample.is_some_and(|sample| sample.statusword.state() == Some(State::OperationEnabled));
+        match self {
+            Self::Open if fits(&|mm| mm <= spec.open_mm + tolerance_mm) => self,
+            Self::ClosedEmpty | Self::ClosedOnTissue
+                if fits(&|mm| mm >= spec.closed_from_mm() - tolerance_mm) && has_power =>
+            {
+                self
+            }
+            Self::Moving => self,
+            _ => Self::Unknown,
+        }
+    }
+}
+
+// === impl BiteResult ===
+
+impl BiteResult {
+    /// What is known of the jaw after it.
+    pub fn jaw(self) -> Jaw {
+        match self {
+            Self::ClosedEmpty => Jaw::ClosedEmpty,
+            Self::ClosedOnTissue => Jaw::ClosedOnTissue,
+            Self::NotClosed | Self::Stalled => Jaw::Unknown,
+        }
+    }
+}
+
+// === impl BiteError ===
+
+impl BiteError {
+    /// What the bite came to, where it came to something.
+    pub fn end(&self) -> Option<BiteEnd> {
+        match self {
+            Self::LeftOperation { .. } | Self::ReferenceLost { .. } | Self::NotOpen { .. } => None,
+            Self::NotClosed { end, .. }
+            | Self::NeverMoved { end, .. }
+            | Self::Stalled { end, .. }
+            | Self::BladesNotFelt { end, .. }
+            | Self::TooSlow { end, .. } => Some(*end),
+        }
+    }
+}
+
+// === impl Watch ===
 
 impl Watch {
     /// Less than this is no progress.
     const PROGRESS_MM: f64 = 0.02;
     /// Standing for this long at the current limit is a jaw that is stopped.
     const STOPPED_AFTER: Duration = Duration::from_millis(150);
-    /// Standing for this long without current is a fault.
+    /// Standing for this long below the limit is a jaw that something else holds.
     const STALLED_AFTER: Duration = Duration::from_secs(1);
-    /// At the limit means: from this share on.
+    /// At the limit means: from this share on. The limit itself is the drive's; what it measures ripples.
     const AT_LIMIT: f64 = 0.9;
 
-    /// Closing began with this sample.
-    pub fn new(spec: BiteSpec, limit_ma: f64, tolerance_mm: f64, first: &Sample) -> Self {
-        let farthest = (first.position, first.stamp);
-        Self {
-            spec,
+    /// Closing begins with this sample; refused unless the jaw is open.
+    pub fn new(
+        spec: BiteSpec,
+        limit_ma: f64,
+        tolerance_mm: f64,
+        first: &Sample,
+    ) -> Result<Self, BiteError> {
+        let start = (first.position, first.stamp);
+        if start.0 > spec.open_mm + tolerance_mm {
+            return Err(BiteError::NotOpen {
+                position_mm: start.0,
+                open_mm: spec.open_mm,
+            });
+        }
+        let ContactSpec {
+            speed_mm_s,
+            acceleration_mm_s2,
+            ..
+        } = spec.contact;
+        let profile_s = (spec.target_mm() - start.0) / speed_mm_s + speed_mm_s / acceleration_mm_s2;
+        Ok(Self {
             limit_ma,
             tolerance_mm,
+            start,
+            time_limit: Duration::from_secs_f64(2.0 * profile_s + 5.0),
             peak_current_ma: 0.0,
-            contact: false,
-            farthest,
-        }
+            contact: ContactWatch::new(spec.contact, start.0, start.1),
+            pressed_ma: 0.0,
+            farthest: start,
+            spec,
+        })
     }
 
-    /// The highest current seen.
-    pub fn peak_current_ma(&self) -> f64 {
-        self.peak_current_ma
+    /// The drive has begun to close at this time of the bus.
+    pub fn begin(&mut self, stamp: Duration) {
+        self.start.1 = stamp;
+        self.farthest.1 = stamp;
+        self.contact.begin(stamp);
     }
 
     /// Takes a sample; an answer when the bite is over.
     pub fn observe(&mut self, sample: &Sample) -> Option<Result<BiteEnd, BiteError>> {
         let Sample {
             statusword,
-            position,
+            position: position_mm,
             stamp,
             ..
         } = *sample;
         let current_ma = sample.current_ma.abs();
-        self.peak_current_ma = self.peak_current_ma.max(current_ma);
-        // The first tenth of the way is the motor's own acceleration.
-        let closing_from_mm = self.spec.open_mm + 0.1 * (self.spec.closed_mm - self.spec.open_mm);
-        self.contact |= position > closing_from_mm && current_ma >= self.spec.contact_current_ma;
         if statusword.state() != Some(State::OperationEnabled) {
             return Some(Err(BiteError::LeftOperation {
-                position_mm: position,
+                position_mm,
                 statusword,
             }));
         }
-        let closed = position >= self.spec.closed_mm - self.tolerance_mm;
-        if closed && statusword.has(Statusword::TARGET_REACHED) {
-            return Some(Ok(self.end(
-                if self.contact {
-                    Jaw::ClosedOnTissue
-                } else {
-                    Jaw::ClosedEmpty
-                },
-                position,
-            )));
+        if !statusword.has(Statusword::REFERENCED) {
+            return Some(Err(BiteError::ReferenceLost {
+                position_mm,
+                statusword,
+            }));
         }
-        if position >= self.farthest.0 + Self::PROGRESS_MM {
-            self.farthest = (position, stamp);
-            return None;
+        self.peak_current_ma = self.peak_current_ma.max(current_ma);
+        self.contact.observe(position_mm, current_ma, stamp);
+        if position_mm >= self.spec.blades_from_mm() {
+            self.pressed_ma = self.pressed_ma.max(current_ma);
+        }
+        let arrived = position_mm >= self.spec.target_mm() - self.tolerance_mm;
+        if arrived && statusword.has(Statusword::TARGET_REACHED) {
+            return Some(self.closed_at(position_mm));
+        }
+        if position_mm >= self.farthest.0 + Self::PROGRESS_MM {
+            self.farthest = (position_mm, stamp);
         }
         let standing = stamp.saturating_sub(self.farthest.1);
-        let at_limit = current_ma >= Self::AT_LIMIT * self.limit_ma
-            || statusword.has(Statusword::INTERNAL_LIMIT);
+        let at_limit = current_ma >= Self::AT_LIMIT * self.limit_ma;
         if at_limit && standing >= Self::STOPPED_AFTER {
-            return Some(Ok(self.end(Jaw::ClosedOnTissue, position)));
+            return Some(self.stopped_at(position_mm));
         }
-        (standing >= Self::STALLED_AFTER).then_some(Err(BiteError::StoodStill {
-            position_mm: position,
-            closed_mm: self.spec.closed_mm,
-            current_ma,
-            limit_ma: self.limit_ma,
-        }))
+        if standing >= Self::STALLED_AFTER {
+            return Some(Err(BiteError::Stalled {
+                end: self.end(BiteResult::Stalled, position_mm),
+                target_mm: self.spec.target_mm(),
+                current_ma,
+                limit_ma: self.limit_ma,
+            }));
+        }
+        let late = stamp.saturating_sub(self.start.1) > self.time_limit;
+        late.then(|| {
+            Err(BiteError::TooSlow {
+                end: self.end(BiteResult::Stalled, position_mm),
+                limit: self.time_limit,
+            })
+        })
     }
 
-    fn end(&self, jaw: Jaw, position_mm: f64) -> BiteEnd {
+    /// The limit stopped it: closed, if it is far enough.
+    fn stopped_at(&self, position_mm: f64) -> Result<BiteEnd, BiteError> {
+        let limit_ma = self.limit_ma;
+        if self.farthest.0 <= self.start.0 {
+            return Err(BiteError::NeverMoved {
+                end: self.end(BiteResult::Stalled, position_mm),
+                limit_ma,
+            });
+        }
+        if position_mm < self.spec.closed_from_mm() {
+            return Err(BiteError::NotClosed {
+                end: self.end(BiteResult::NotClosed, position_mm),
+                limit_ma,
+                closed_from_mm: self.spec.closed_from_mm(),
+            });
+        }
+        // Short of the blades it was something else.
+        let closed_on = match position_mm < self.spec.blades_from_mm() {
+            true => BiteResult::ClosedOnTissue,
+            false => self.closed_on(),
+        };
+        Ok(self.end(closed_on, position_mm))
+    }
+
+    /// The encoder says closed: the blades must agree, where they are asked.
+    fn closed_at(&self, position_mm: f64) -> Result<BiteEnd, BiteError> {
+        match self.spec.blades {
+            Some(blades) if self.pressed_ma < blades.current_ma => Err(BiteError::BladesNotFelt {
+                end: self.end(BiteResult::Stalled, position_mm),
+                pressed_ma: self.pressed_ma,
+                blades_ma: blades.current_ma,
+            }),
+            _ => Ok(self.end(self.closed_on(), position_mm)),
+        }
+    }
+
+    fn closed_on(&self) -> BiteResult {
+        match self.tissue() {
+            Some(_) => BiteResult::ClosedOnTissue,
+            None => BiteResult::ClosedEmpty,
+        }
+    }
+
+    /// What was first seen where the blades touch are the blades.
+    fn tissue(&self) -> Option<Contact> {
+        let blades_from_mm = self.spec.blades_from_mm();
+        self.contact
+            .contact()
+            .filter(|contact| contact.seen_mm < blades_from_mm)
+    }
+
+    fn end(&self, result: BiteResult, position_mm: f64) -> BiteEnd {
         BiteEnd {
-            jaw,
+            result,
             position_mm,
+            contact_mm: self.tissue().and_then(|contact| contact.position_mm),
             peak_current_ma: self.peak_current_ma,
+            force_n: self
+                .spec
+                .force
+                .as_ref()
+                .and_then(|table| table.force_n(self.contact.peak_ma())),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::Config;
-
-    const ENABLED: u16 = 0x0027;
-
-    fn sample(statusword: u16, position: f64, current_ma: f64, ms: u64) -> Sample {
-        Sample {
-            statusword: Statusword(statusword),
-            position,
-            current_ma,
-            stamp: Duration::from_millis(ms),
-        }
-    }
-
-    fn watch() -> Watch {
-        let spec = Config::default().check().unwrap().bite;
-        Watch::new(
-            spec,
-            spec.current_limit_ma,
-            0.02,
-            &sample(ENABLED, 0.0, 0.0, 0),
-        )
-    }
-
-    /// Feeds at 5 mm/s with this current.
-    fn close(watch: &mut Watch, to_mm: f64, current_ma: f64) -> u64 {
-        let ms = (to_mm * 200.0) as u64;
-        for at in (0..ms).step_by(10) {
-            assert_eq!(
-                watch.observe(&sample(ENABLED, at as f64 / 200.0, current_ma, at)),
-                None
-            );
-        }
-        ms
-    }
-
-    #[test]
-    fn an_empty_jaw_closes_to_its_position() {
-        let mut watch = watch();
-        assert_eq!(
-            watch.observe(&sample(ENABLED, 0.1, 300.0, 5)),
-            None,
-            "the motor's own acceleration is no contact"
-        );
-        let ms = close(&mut watch, 10.0, 40.0);
-        let end = watch
-            .observe(&sample(0x0427, 9.99, 30.0, ms))
-            .unwrap()
-            .unwrap();
-        assert_eq!(
-            end,
-            BiteEnd {
-                jaw: Jaw::ClosedEmpty,
-                position_mm: 9.99,
-                peak_current_ma: 300.0
-            }
-        );
-    }
-
-    #[test]
-    fn tissue_that_is_cut_is_felt_by_the_current() {
-        let mut watch = watch();
-        let ms = close(&mut watch, 10.0, 260.0);
-        let end = watch
-            .observe(&sample(0x0427, 10.0, 30.0, ms))
-            .unwrap()
-            .unwrap();
-        assert_eq!((end.jaw, end.peak_current_ma), (Jaw::ClosedOnTissue, 260.0));
-    }
-
-    #[test]
-    fn a_jaw_that_stands_at_the_current_limit_is_closed_on_tissue() {
-        let mut watch = watch();
-        let ms = close(&mut watch, 7.0, 100.0);
-        assert_eq!(watch.observe(&sample(ENABLED, 7.0, 495.0, ms)), None);
-        assert_eq!(watch.observe(&sample(ENABLED, 7.01, 495.0, ms + 140)), None);
-        let end = watch
-            .observe(&sample(ENABLED, 7.01, 495.0, ms + 160))
-            .unwrap()
-            .unwrap();
-        assert_eq!((end.jaw, end.position_mm), (Jaw::ClosedOnTissue, 7.01));
-    }
-
-    #[test]
-    fn a_jaw_that_stands_without_current_is_a_fault() {
-        let mut watch = watch();
-        let ms = close(&mut watch, 7.0, 50.0);
-        assert_eq!(watch.observe(&sample(ENABLED, 7.0, 50.0, ms)), None);
-        let error = watch
-            .observe(&sample(ENABLED, 7.0, 50.0, ms + 1001))
-            .unwrap()
-            .unwrap_err();
-        let message = "stands at 7.000 mm short of 10 mm with 50 mA, below the limit of 500 mA";
-        assert_eq!(error.to_string(), message);
-    }
-
-    #[test]
-    fn a_drive_in_fault_ends_the_bite_in_doubt() {
-        let error = watch()
-            .observe(&sample(0x0008, 3.0, 0.0, 600))
-            .unwrap()
-            .unwrap_err();
-        assert!(matches!(error, BiteError::LeftOperation { .. }));
-    }
-}
+mod model_tests;
+#[cfg(test)]
+mod tests;

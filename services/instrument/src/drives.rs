@@ -8,6 +8,7 @@ mod commands;
 mod handle;
 mod link;
 mod motion;
+mod process_data;
 mod session;
 
 use std::collections::HashMap;
@@ -16,13 +17,12 @@ use std::time::{Duration, SystemTime};
 
 use arthro_authority::{Begin, Leases, Operation, Operations, Outcome, REMEMBERED_OPERATIONS};
 use arthro_bootstrap::Drain;
-use epos4_link::bus::CanBus;
-use epos4_link::frame::Id;
+use epos4_link::frame::error::Class;
 use epos4_link::network::Event;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
-pub use self::board::{AxisState, Identity, Readiness, Snapshot};
+pub use self::board::{AxisState, BusCondition, BusState, I2t, Identity, Readiness, Snapshot};
 pub use self::commands::{Authorization, Command, Report, Ticket};
 pub use self::handle::Handle;
 
@@ -30,19 +30,24 @@ use self::board::Board;
 use self::handle::{Request, StopRequest};
 use self::link::Link;
 use self::motion::{Ended, Running};
-use self::session::{Connector, Session, Step};
+use self::session::{ByAddress, Session, Step, Way};
 use crate::axis::Axis;
 use crate::bite::Jaw;
 use crate::config::Cell;
 use crate::error::{Failure, Refusal};
-use crate::supervisor::{Fault, Finding, Supervisor};
+use crate::supervisor::{self, Fault, Finding, Supervisor};
 
 /// How often leases are looked at.
 const TICK: Duration = Duration::from_millis(20);
 /// Commands that wait for the owner.
 const REQUEST_QUEUE_LEN: usize = 64;
+/// The emergency of safe torque off.
+const SAFE_TORQUE_OFF: u16 = 0x8A88;
 /// How long a shutdown waits for the drives to confirm.
 const SHUTDOWN_STOP_LIMIT: Duration = Duration::from_secs(2);
+
+/// An operation as the owner polls it.
+type Work = std::pin::Pin<Box<dyn Future<Output = Ended> + Send>>;
 
 /// The owner.
 pub struct Drives {
@@ -54,8 +59,8 @@ pub struct Drives {
     supervisor: Supervisor,
     leases: Leases,
     operations: Operations,
-    /// The ends of bites, for as long as their operations are remembered.
-    bites: HashMap<String, crate::bite::BiteEnd>,
+    /// The last reports of operations that have ended, for as long as they are remembered.
+    ended: HashMap<String, Report>,
     running: Vec<Running>,
     stop_waiters: Vec<oneshot::Sender<Result<(), Refusal>>>,
     started: Instant,
@@ -64,18 +69,12 @@ pub struct Drives {
 impl Drives {
     /// The owner of a cell's drives, and the way to it. Nothing is connected before [`run`](Self::run).
     pub fn new(cell: Cell) -> (Self, Handle) {
-        let address = cell.bus.to_string();
-        Self::with_connector(
-            cell,
-            Box::new(move || {
-                let address = address.clone();
-                Box::pin(async move { epos4_link::bus::connect(&address).await })
-            }),
-        )
+        let way = ByAddress(cell.bus.clone());
+        Self::with_way(cell, Box::new(way))
     }
 
     /// The same over another way to the bus.
-    pub(crate) fn with_connector(cell: Cell, connector: Connector) -> (Self, Handle) {
+    pub(crate) fn with_way(cell: Cell, way: Box<dyn Way>) -> (Self, Handle) {
         let cell = Arc::new(cell);
         let board = Board::default();
         let (request_sender, requests) = mpsc::channel(REQUEST_QUEUE_LEN);
@@ -85,11 +84,11 @@ impl Drives {
             .duration_since(SystemTime::UNIX_EPOCH)
             .unwrap_or_default();
         let drives = Self {
-            session: Session::new(cell.clone(), board.clone(), connector),
+            session: Session::new(cell.clone(), board.clone(), way),
             supervisor: Supervisor::new(cell.heartbeat_timeout),
             leases: Leases::new(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)),
             operations: Operations::new(REMEMBERED_OPERATIONS),
-            bites: HashMap::new(),
+            ended: HashMap::new(),
             running: Vec::new(),
             stop_waiters: Vec::new(),
             started: Instant::now(),
@@ -102,10 +101,13 @@ impl Drives {
     }
 
     /// Owns the drives until the drain starts; then stops them.
-    pub async fn run(mut self, drain: Drain) {
+    pub async fn run(self, drain: Drain) {
+        self.run_until(drain.started()).await;
+    }
+
+    async fn run_until(mut self, draining: impl Future<Output = ()>) {
         let mut tick = interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let draining = drain.started();
         tokio::pin!(draining);
         loop {
             tokio::select! {
@@ -118,6 +120,7 @@ impl Drives {
             }
         }
         self.stop_motions("SHUTDOWN", "the service shuts down");
+        self.session.begin_leaving();
         let stopping = async {
             while self.session.is_stopping() {
                 let step = self.session.step(&mut self.running).await;
@@ -150,6 +153,12 @@ impl Drives {
             );
             self.stop_motions("LEASE_LOST", &detail);
         }
+        // What was known of the jaw is held against its axis; once given up it does not come back.
+        let seen = self.board.snapshot().jaw;
+        if self.board.jaw(&self.cell) != seen {
+            tracing::warn!(?seen, "the jaw does not stand where it was left");
+            self.doubt_jaw();
+        }
     }
 
     fn on_stop(&mut self, why: &str, reply: oneshot::Sender<Result<(), Refusal>>) {
@@ -178,13 +187,19 @@ impl Drives {
             };
             self.finish(running, outcome, None);
         }
+        self.doubt_jaw();
         self.session.begin_stop();
+    }
+
+    /// After a stop or a fault nobody knows how the jaw stands, until it is opened or homed.
+    fn doubt_jaw(&self) {
+        self.board.update(|state| state.jaw = Jaw::Unknown);
     }
 
     fn on_step(&mut self, step: Step) {
         match step {
             Step::Bus(event, now) => self.on_event(event, now),
-            Step::BusLost(error) => self.on_bus_lost(&error),
+            Step::BusLost(reason, error) => self.on_bus_lost(reason, &error),
             Step::Ready(axis, now) => self.supervisor.watch(axis, now),
             Step::Fault(axis, failure) => {
                 if let Some(fault) = failure.fault() {
@@ -212,22 +227,51 @@ impl Drives {
             Event::Emergency { node_id, emergency } => {
                 if let Some(axis) = self.axis_of(node_id) {
                     tracing::warn!(%axis, code = format!("0x{:04X}", emergency.code), "emergency");
+                    if emergency.code == SAFE_TORQUE_OFF {
+                        self.board
+                            .update_axis(axis, |state| state.safe_torque_off = Some(true));
+                    }
                     findings.extend(self.supervisor.on_emergency(axis, emergency));
                 }
             }
-            Event::BusError { class } if class & Id::ERROR_BUS_OFF != 0 => {
-                let fault = Fault::new("BUS_OFF", "the can controller went bus-off");
-                findings.extend(Axis::ALL.map(|axis| Finding::Fault(axis, fault.clone())));
+            Event::Pdo {
+                node_id,
+                number,
+                data,
+                stamp,
+            } => {
+                if let Some(axis) = self.axis_of(node_id)
+                    && let Err(failure) = self.session.on_pdo(axis, number, &data, stamp)
+                    && let Some(fault) = failure.fault()
+                {
+                    findings.push(Finding::Fault(axis, fault));
+                }
             }
-            Event::BusError { class } => {
-                tracing::warn!(class = format!("0x{class:X}"), "can bus error")
+            Event::DuplicateNode { node_id, evidence } => {
+                if let Some(axis) = self.axis_of(node_id) {
+                    findings.push(Finding::duplicate(axis, node_id, evidence));
+                }
+            }
+            Event::BusError { report } => {
+                tracing::warn!(%report, "can controller");
+                self.session.on_report(&report);
+                findings.extend(supervisor::on_report(&report));
+                if report.has(Class::BUS_OFF) {
+                    self.on_bus_off(&report.to_string());
+                }
+            }
+            Event::OtherMaster { sign } => {
+                tracing::warn!(?sign, "somebody else commands nodes of this bus");
             }
         }
+        // Whoever waits for the time has the data of that time.
+        self.session.on_time(now);
         for finding in findings {
             match finding {
                 Finding::Fault(axis, fault) => self.on_fault(axis, fault),
                 Finding::Started(axis) => {
-                    self.session.set_up_anew(axis, "the drive has just started")
+                    let why = "the drive has just started";
+                    self.session.set_up_anew(axis, "UNEXPECTED_BOOT_UP", why);
                 }
             }
         }
@@ -246,21 +290,27 @@ impl Drives {
     fn on_fault(&mut self, axis: Axis, fault: Fault) {
         if fault.loses_settings() {
             self.supervisor.unwatch(axis);
-            self.session.set_up_anew(axis, &fault.detail);
+            self.session.set_up_anew(axis, fault.reason, &fault.detail);
         }
         let is_new = self.supervisor.latch(axis, fault.clone());
         if is_new {
             tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
             self.board.update(|state| {
                 state.axes[axis.index()].fault = Some(fault.clone());
-                if axis == Axis::ForcepsFeed {
-                    state.jaw = Jaw::Unknown;
-                }
             });
+            self.doubt_jaw();
         }
         if is_new || !self.running.is_empty() {
+            // A limit switch that is pressed by hand is what commissioning waits for.
+            let (going_on, ended): (Vec<Running>, Vec<Running>) = std::mem::take(&mut self.running)
+                .into_iter()
+                .partition(|running| {
+                    fault.reason == "LIMIT_SWITCH"
+                        && matches!(&running.command, Command::CommissionSwitches { axis: own, .. } if *own == axis)
+                });
+            self.running = going_on;
             let failure = Failure::Fault { axis, fault };
-            for running in std::mem::take(&mut self.running) {
+            for running in ended {
                 let outcome = Outcome::Failed {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
@@ -271,18 +321,27 @@ impl Drives {
         }
     }
 
-    fn on_bus_lost(&mut self, error: &str) {
-        tracing::warn!(error, "bus lost");
+    /// The controller comes back when a person recovers an axis.
+    fn on_bus_off(&mut self, report: &str) {
+        self.session.hold("BUS_OFF", report);
+        for axis in Axis::ALL {
+            self.supervisor.unwatch(axis);
+        }
+        self.answer_stops(&Err(Refusal::StopNotConfirmed(report.to_owned())));
+    }
+
+    fn on_bus_lost(&mut self, reason: &'static str, error: &str) {
+        tracing::warn!(reason, error, "bus lost");
         let lost: Vec<Axis> = Axis::ALL
             .into_iter()
             .filter(|axis| self.board.is_ready(*axis))
             .collect();
-        self.session.disconnect(error);
+        self.session.disconnect(reason, error);
         for axis in Axis::ALL {
             self.supervisor.unwatch(axis);
         }
         for axis in lost {
-            self.on_fault(axis, Fault::new("BUS_LOST", error));
+            self.on_fault(axis, Fault::new(reason, error));
         }
         self.answer_stops(&Err(Refusal::StopNotConfirmed(error.to_owned())));
     }
@@ -315,7 +374,11 @@ impl Drives {
                     reason: failure.reason().to_owned(),
                     detail: failure.to_string(),
                 };
-                self.finish(running, outcome, None);
+                let came_to = motion::Done {
+                    bite: failure.bite_end(),
+                    ..motion::Done::default()
+                };
+                self.finish(running, outcome, Some(came_to));
             }
         }
     }
@@ -344,12 +407,13 @@ impl Drives {
             return;
         };
         tracing::info!(operation = id, state = ?operation.state, reason = operation.reason, "operation ended");
-        if let Some(bite) = bite {
-            let operations = &self.operations;
-            self.bites.retain(|id, _| operations.get(id).is_some());
-            self.bites.insert(id, bite);
-        }
-        reports.send_replace(Report { operation, bite });
+        reports.send_modify(|report| {
+            report.operation = operation;
+            report.bite = bite;
+        });
+        let operations = &self.operations;
+        self.ended.retain(|id, _| operations.get(id).is_some());
+        self.ended.insert(id, reports.borrow().clone());
     }
 
     fn on_request(&mut self, request: Request) {
@@ -440,8 +504,8 @@ impl Drives {
         let reports = match running {
             Some(running) => running.reports.subscribe(),
             None => {
-                let bite = self.bites.get(&operation.id).copied();
-                watch::channel(Report { operation, bite }).1
+                let ended = self.ended.get(&operation.id).cloned();
+                watch::channel(ended.unwrap_or_else(|| Report::of(operation))).1
             }
         };
         Ticket {
@@ -460,6 +524,11 @@ impl Drives {
         {
             return Err(Refusal::ObjectReserved(*address));
         }
+        if let Command::CommissionSwitches { axis, .. } = command
+            && self.cell.axes[axis.index()].switches.is_empty()
+        {
+            return Err(Refusal::NoSwitches { axis: *axis });
+        }
         let state = self.board.snapshot();
         for axis in command.axes() {
             let axis_state = &state.axes[axis.index()];
@@ -469,7 +538,10 @@ impl Drives {
                     operation_id: operation_id.clone(),
                 });
             }
-            self.link(*axis)?;
+            // A recovery waits for its drive.
+            if !matches!(command, Command::Recover(_)) {
+                self.link(*axis)?;
+            }
             if !command.moves() {
                 continue;
             }
@@ -487,16 +559,13 @@ impl Drives {
     }
 
     fn begin(&mut self, operation_id: &str, command: Command) -> Result<Ticket, Refusal> {
-        let links = command
-            .axes()
-            .iter()
-            .map(|axis| self.link(*axis))
-            .collect::<Result<Vec<Link>, Refusal>>()?;
         let operation = self
             .operations
             .get(operation_id)
             .cloned()
             .ok_or(Refusal::ShuttingDown)?;
+        let (reports, watcher) = watch::channel(Report::of(operation));
+        let work = self.work(&command, reports.clone())?;
         tracing::info!(operation = operation_id, ?command, "operation begins");
         self.board.update(|state| {
             for axis in command.axes() {
@@ -508,21 +577,48 @@ impl Drives {
                 state.jaw = Jaw::Moving;
             }
         });
-        let (reports, watcher) = watch::channel(Report {
-            operation,
-            bite: None,
-        });
-        let future = motion::carry_out(self.cell.clone(), command.clone(), links);
         self.running.push(Running {
             id: operation_id.to_owned(),
             command,
             reports,
-            future,
+            future: work,
         });
         Ok(Ticket {
             reports: watcher,
             repeated: false,
         })
+    }
+
+    fn work(&mut self, command: &Command, reports: watch::Sender<Report>) -> Result<Work, Refusal> {
+        let cell = self.cell.clone();
+        if let Command::Recover(axes) = command {
+            self.prepare_recovery(axes);
+            let (links, board) = (self.session.links(), self.board.clone());
+            let command = command.clone();
+            return Ok(Box::pin(async move {
+                let links = links.ready(&board, command.axes()).await?;
+                motion::carry_out(cell, command, links, reports).await
+            }));
+        }
+        let links = command.axes().iter().map(|axis| self.link(*axis));
+        let links = links.collect::<Result<Vec<Link>, Refusal>>()?;
+        Ok(motion::carry_out(cell, command.clone(), links, reports))
+    }
+
+    /// A person has seen the faults: a bus that was left is joined again, and a drive that is another is accepted.
+    fn prepare_recovery(&mut self, axes: &[Axis]) {
+        for axis in axes {
+            self.board.update_axis(*axis, |state| {
+                if let Readiness::NotReady {
+                    reason: "WRONG_NODE",
+                    ..
+                } = state.readiness
+                {
+                    state.identity = None;
+                }
+            });
+        }
+        self.session.recover();
     }
 
     fn link(&self, axis: Axis) -> Result<Link, Refusal> {
@@ -531,9 +627,6 @@ impl Drives {
             .map_err(|why| Refusal::AxisNotReady { axis, why })
     }
 }
-
-/// A bus, once it is connected.
-type Connected = Result<Box<dyn CanBus>, epos4_link::bus::Error>;
 
 #[cfg(test)]
 mod tests;

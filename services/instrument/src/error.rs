@@ -9,10 +9,12 @@ use thiserror::Error;
 use tonic::Status;
 
 use crate::axis::{Axis, TargetError};
-use crate::bite::BiteError;
+use crate::bite::{BiteEnd, BiteError};
 use crate::homing::HomingError;
 use crate::positioning::MoveError;
 use crate::supervisor::{Fault, drive_reason};
+use crate::switches::commissioning::SwitchError;
+use crate::switches::{Function, SwitchSpec};
 
 /// Why a command is refused. Nothing has moved.
 #[derive(Clone, PartialEq, Debug, Error)]
@@ -57,6 +59,12 @@ pub enum Refusal {
         axis: Axis,
         /// What is missing.
         why: String,
+    },
+    /// The axis has no switch to commission.
+    #[error("{axis} has no switches in the configuration (instrument.axes.{axis}.switches)")]
+    NoSwitches {
+        /// Which axis.
+        axis: Axis,
     },
     /// A quick stop is under way.
     #[error("the drives are being stopped")]
@@ -119,14 +127,68 @@ pub enum Failure {
     },
     /// The search would run into the axis' end.
     #[error(
-        "homing method {method} needs input function {function}, which no input has (object 0x3142)"
+        "homing method {method} needs a {function}, input function {}, which no input of the drive has (object 0x3142)",
+        .function.code()
     )]
     SwitchNotMapped {
         /// The method.
         method: i8,
         /// The function.
-        function: u8,
+        function: Function,
     },
+    /// The drive was asked and has no reference, whatever was seen before.
+    #[error("{axis} has no reference, statusword {statusword}; home it first")]
+    NotHomed {
+        /// Which axis.
+        axis: Axis,
+        /// What it reports.
+        statusword: Statusword,
+    },
+    /// The drive took the position limits and holds others.
+    #[error(
+        "the drive's position limits (object 0x607D) read {} to {} qc, written were {} to {} qc",
+        .found[0], .found[1], .expected[0], .expected[1]
+    )]
+    LimitsNotKept {
+        /// Lower and upper.
+        found: [i32; 2],
+        /// As written.
+        expected: [i32; 2],
+    },
+    /// A switch is not wired as configured.
+    #[error("{switch} {error}")]
+    Switch {
+        /// Which.
+        switch: SwitchSpec,
+        /// What is wrong with it.
+        error: SwitchError,
+    },
+    /// Somebody else switched the drive on while its switches were pressed by hand.
+    #[error("the drive got power while its switches were commissioned: it is in {state}")]
+    PowerCameOn {
+        /// Where it is.
+        state: State,
+    },
+    /// The drive changed, and its process data did not come.
+    #[error(
+        "the drive has statusword {statusword}, position {position_qc} qc, current {current_ma} mA and did not send them within {limit_s} s"
+    )]
+    StaleProcessData {
+        /// Asked for.
+        statusword: Statusword,
+        /// Asked for.
+        position_qc: i32,
+        /// Asked for.
+        current_ma: i32,
+        /// The time it had, of the bus.
+        limit_s: f64,
+    },
+    /// Another drive answers than before.
+    #[error("another drive answers: {0}")]
+    WrongNode(String),
+    /// The drive did not become ready again.
+    #[error("the drive is not ready: {0}")]
+    NotReady(String),
     /// A fault came, of this axis or another.
     #[error("{axis}: {fault}")]
     Fault {
@@ -144,17 +206,39 @@ impl Failure {
             Self::Object(error) => object_reason(error),
             Self::Move(MoveError::LeftOperation { .. })
             | Self::Bite(BiteError::LeftOperation { .. }) => "DRIVE_LEFT_OPERATION",
+            Self::Move(MoveError::ReferenceLost { .. })
+            | Self::Bite(BiteError::ReferenceLost { .. }) => "REFERENCE_LOST",
             Self::Move(MoveError::NotReached { .. }) => "TARGET_NOT_REACHED",
             Self::Homing(HomingError::TimeLimit(_)) => "HOMING_TIMED_OUT",
+            Self::Homing(HomingError::Interrupted(_)) => "HOMING_INTERRUPTED",
             Self::Homing(HomingError::Reported(_) | HomingError::NotReferenced(_)) => {
                 "HOMING_FAILED"
             }
-            Self::Bite(BiteError::StoodStill { .. }) => "JAW_STOOD_STILL",
+            Self::Bite(BiteError::NotOpen { .. }) => "JAW_NOT_OPEN",
+            Self::Bite(BiteError::NotClosed { .. }) => "JAW_NOT_CLOSED",
+            Self::Bite(BiteError::NeverMoved { .. }) => "JAW_NEVER_MOVED",
+            Self::Bite(BiteError::BladesNotFelt { .. }) => "JAW_CLOSURE_DOUBTFUL",
+            Self::Bite(BiteError::Stalled { .. } | BiteError::TooSlow { .. }) => "JAW_STALLED",
+            Self::NotHomed { .. } => "NOT_HOMED",
+            Self::LimitsNotKept { .. } => "POSITION_LIMITS_NOT_KEPT",
+            Self::Switch { error, .. } => error.reason(),
+            Self::PowerCameOn { .. } => "DRIVE_HAS_POWER",
             Self::UnknownStatusword(_) => "UNKNOWN_STATUSWORD",
             Self::DriveFault { code } => drive_reason(*code),
             Self::NoTransition { .. } => "DRIVE_NO_TRANSITION",
             Self::SwitchNotMapped { .. } => "HOMING_SWITCH_NOT_MAPPED",
+            Self::StaleProcessData { .. } => "STALE_PROCESS_DATA",
+            Self::WrongNode(_) => "WRONG_NODE",
+            Self::NotReady(_) => "AXIS_NOT_READY",
             Self::Fault { fault, .. } => fault.reason,
+        }
+    }
+
+    /// What a bite that did not close the jaw came to.
+    pub fn bite_end(&self) -> Option<BiteEnd> {
+        match self {
+            Self::Bite(error) => error.end(),
+            _ => None,
         }
     }
 
@@ -162,7 +246,12 @@ impl Failure {
     pub fn fault(&self) -> Option<Fault> {
         match self {
             Self::DriveFault { code } => Some(Fault::of_drive(*code)),
-            Self::SwitchNotMapped { .. } | Self::Fault { .. } => None,
+            Self::SwitchNotMapped { .. }
+            | Self::NotHomed { .. }
+            | Self::NotReady(_)
+            | Self::Switch { .. }
+            | Self::Bite(BiteError::NotOpen { .. } | BiteError::NotClosed { .. })
+            | Self::Fault { .. } => None,
             Self::Object(error) if error.abort_code().is_some() => None,
             failure => Some(Fault::new(failure.reason(), failure.to_string())),
         }
@@ -189,6 +278,9 @@ impl From<Refusal> for Status {
             },
             Refusal::Invalid { field, .. } => status::invalid(field, message),
             Refusal::NotHomed { axis } => status::refused("NOT_HOMED", message, &[axis_of(axis)]),
+            Refusal::NoSwitches { axis } => {
+                status::refused("SWITCHES_NOT_CONFIGURED", message, &[axis_of(axis)])
+            }
             Refusal::AxisMoving { axis, operation_id } => status::refused(
                 "AXIS_MOVING",
                 message,
@@ -217,7 +309,9 @@ impl From<Refusal> for Status {
                     .map(|code| ("abort_code", format!("0x{:08X}", code.0)));
                 let metadata: Vec<_> = abort_code.into_iter().collect();
                 match error {
-                    network::Error::Failed { .. } | network::Error::Size { .. } => {
+                    network::Error::Failed { .. }
+                    | network::Error::Size { .. }
+                    | network::Error::ReadBack { .. } => {
                         status::refused(object_reason(&error), message, &metadata)
                     }
                     _ => status::unavailable(object_reason(&error), message, &metadata),
@@ -230,13 +324,16 @@ impl From<Refusal> for Status {
     }
 }
 
-fn object_reason(error: &network::Error) -> &'static str {
+/// The stable word for a request to a node that did not succeed.
+pub(crate) fn object_reason(error: &network::Error) -> &'static str {
     match error {
         network::Error::NoAnswer { .. } => "SDO_NO_ANSWER",
         network::Error::Restarted { .. } => "UNEXPECTED_BOOT_UP",
         network::Error::Failed { .. } => "SDO_ABORTED",
         network::Error::Size { .. } => "SDO_WRONG_SIZE",
         network::Error::Busy { .. } => "SDO_BUSY",
+        network::Error::ReadBack { .. } => "SDO_READ_BACK",
+        network::Error::NotInState { .. } => "NMT_NO_TRANSITION",
         network::Error::Gone => "BUS_LOST",
     }
 }

@@ -1,18 +1,21 @@
 //! Drives the four axes of the two instruments: positions in mm and degrees, homing, the bite, and the supervision of
 //! the EPOS4 drives behind a CANopen bus.
 //!
-//! [`axis`], [`homing`], [`positioning`], [`bite`] and [`supervisor`] decide, without I/O; [`drives`] is the task that
-//! owns the bus and acts; [`server`] is the API.
+//! [`axis`], [`check`], [`homing`], [`positioning`], [`bite`], [`force`], [`switches`] and [`supervisor`] decide, without
+//! I/O; [`drives`] is the task that owns the bus and acts; [`server`] is the API.
 
 pub mod axis;
 pub mod bite;
+pub mod check;
 pub mod config;
 pub mod drives;
 pub mod error;
+pub mod force;
 pub mod homing;
 pub mod positioning;
 pub mod server;
 pub mod supervisor;
+pub mod switches;
 
 use arthro_bootstrap::{BoxError, Drain, Service};
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;

@@ -15,7 +15,9 @@ pub struct Sample {
     pub position: f64,
     /// Object 0x30D1:02.
     pub current_ma: f64,
-    /// When the position was read, on the clock of the bus.
+    /// Object 0x60FD: what the drive takes for active, by function.
+    pub inputs: u32,
+    /// When statusword and position were on the bus, on its clock.
     pub stamp: Duration,
 }
 
@@ -34,6 +36,14 @@ pub enum MoveError {
     /// The drive does not obey any more.
     #[error("the drive left operation at {position:.3}, statusword {statusword}")]
     LeftOperation {
+        /// Where.
+        position: f64,
+        /// What it reports.
+        statusword: Statusword,
+    },
+    /// The position does not refer to the home point any more.
+    #[error("the reference was lost at {position:.3}, statusword {statusword}")]
+    ReferenceLost {
         /// Where.
         position: f64,
         /// What it reports.
@@ -79,6 +89,12 @@ impl Watch {
                 statusword,
             }));
         }
+        if !statusword.has(Statusword::REFERENCED) {
+            return Some(Err(MoveError::ReferenceLost {
+                position,
+                statusword,
+            }));
+        }
         let near = (position - self.target).abs() <= self.tolerance;
         if near && statusword.has(Statusword::TARGET_REACHED) {
             return Some(Ok(()));
@@ -110,6 +126,7 @@ mod tests {
             statusword: Statusword(statusword),
             position,
             current_ma: 50.0,
+            inputs: 0,
             stamp,
         }
     }
@@ -117,24 +134,24 @@ mod tests {
     #[test]
     fn a_move_ends_when_the_profile_has_ended_and_the_axis_is_there() {
         assert_eq!(
-            watch().observe(&sample(0x0027, 9.99, 2.0)),
+            watch().observe(&sample(0x8027, 9.99, 2.0)),
             None,
             "the profile still runs"
         );
         assert_eq!(
-            watch().observe(&sample(0x0427, 9.9, 2.2)),
+            watch().observe(&sample(0x8427, 9.9, 2.2)),
             None,
             "the axis still lags"
         );
-        assert_eq!(watch().observe(&sample(0x0427, 9.99, 2.2)), Some(Ok(())));
+        assert_eq!(watch().observe(&sample(0x8427, 9.99, 2.2)), Some(Ok(())));
     }
 
     #[test]
     fn a_move_that_does_not_arrive_is_told_with_value_and_limit() {
         // 10 mm at 5 mm/s with 50 mm/s^2 take 2.1 s.
-        assert_eq!(watch().observe(&sample(0x0427, 9.5, 4.1)), None);
+        assert_eq!(watch().observe(&sample(0x8427, 9.5, 4.1)), None);
         let error = watch()
-            .observe(&sample(0x0427, 9.5, 4.2))
+            .observe(&sample(0x8427, 9.5, 4.2))
             .unwrap()
             .unwrap_err();
         assert_eq!(
@@ -146,9 +163,21 @@ mod tests {
     #[test]
     fn a_drive_that_leaves_operation_ends_the_move() {
         let error = watch()
-            .observe(&sample(0x0007, 3.0, 1.0))
+            .observe(&sample(0x8007, 3.0, 1.0))
             .unwrap()
             .unwrap_err();
         assert!(matches!(error, MoveError::LeftOperation { .. }));
+    }
+
+    #[test]
+    fn a_reference_that_falls_ends_the_move() {
+        let error = watch()
+            .observe(&sample(0x0027, 3.0, 1.0))
+            .unwrap()
+            .unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the reference was lost at 3.000, statusword 0x0027"
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! The API: requests are checked and handed to the owner of the drives; operations are watched and told.
 
 mod convert;
+mod told;
 
 use std::time::Duration;
 
@@ -15,6 +16,7 @@ use tonic::{Request, Response, Status};
 
 use self::convert as from;
 use crate::axis::{Axis, Unit};
+use crate::config::Cell;
 use crate::drives::{Command, Handle, Report, Snapshot, Ticket};
 use crate::error::Refusal;
 
@@ -24,6 +26,8 @@ const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 const STREAM_QUEUE_LEN: usize = 16;
 /// Periods of `WatchState`, s: shortest, longest, and the one when none is given.
 const WATCH_PERIODS_S: (f64, f64, f64) = (0.01, 10.0, 0.1);
+/// How long one switch may take in commissioning, s: shortest, longest, and when none is given.
+const COMMISSIONING_TIMEOUTS_S: (f64, f64, f64) = (1.0, 600.0, 60.0);
 /// Time to live of a lease when none is given, s.
 const DEFAULT_TTL_S: f64 = 2.0;
 
@@ -72,7 +76,7 @@ impl Instrument {
     fn progress<T: Send + 'static>(
         &self,
         mut ticket: Ticket,
-        message: impl Fn(&Report, bool, &Snapshot) -> T + Send + 'static,
+        message: impl Fn(&Cell, &Report, bool, &Snapshot) -> T + Send + 'static,
     ) -> Response<Stream<T>> {
         let (sender, receiver) = mpsc::channel(STREAM_QUEUE_LEN);
         let drives = self.drives.clone();
@@ -81,7 +85,7 @@ impl Instrument {
             tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
             loop {
                 let report = ticket.reports.borrow_and_update().clone();
-                let answer = message(&report, ticket.repeated, &drives.snapshot());
+                let answer = message(drives.cell(), &report, ticket.repeated, &drives.snapshot());
                 let ended = report.operation.state != OperationState::Running;
                 if sender.send(Ok(answer)).await.is_err() || ended {
                     return;
@@ -105,11 +109,11 @@ impl InstrumentService for Instrument {
         &self,
         _: Request<proto::ListAxesRequest>,
     ) -> Result<Response<proto::ListAxesResponse>, Status> {
-        let lease = self.drives.lease().await?.as_ref().map(from::lease);
+        let lease = self.drives.lease().await?.as_ref().map(told::lease);
         let snapshot = self.drives.snapshot();
         let axes = self.drives.cell().axes.iter().zip(&snapshot.axes);
         let axes = axes
-            .map(|(settings, state)| from::description(&settings.spec, state))
+            .map(|(settings, state)| told::description(self.drives.cell(), settings, state))
             .collect();
         Ok(Response::new(proto::ListAxesResponse { axes, lease }))
     }
@@ -141,7 +145,7 @@ impl InstrumentService for Instrument {
                     () = &mut draining => return,
                 }
                 if sender
-                    .send(Ok(from::state(&drives.snapshot())))
+                    .send(Ok(told::state(drives.cell(), &drives.snapshot())))
                     .await
                     .is_err()
                 {
@@ -163,7 +167,7 @@ impl InstrumentService for Instrument {
             .acquire(holder, Duration::from_secs_f64(ttl_s))
             .await?;
         Ok(Response::new(proto::AcquireLeaseResponse {
-            lease: Some(from::lease(&lease)),
+            lease: Some(told::lease(&lease)),
         }))
     }
 
@@ -176,7 +180,7 @@ impl InstrumentService for Instrument {
             .renew(request.into_inner().fencing_token)
             .await?;
         Ok(Response::new(proto::RenewLeaseResponse {
-            lease: Some(from::lease(&lease)),
+            lease: Some(told::lease(&lease)),
         }))
     }
 
@@ -203,12 +207,12 @@ impl InstrumentService for Instrument {
         let ticket = self
             .command(authorization, Command::Home(from::axes_to_home(&axes)?))
             .await?;
-        Ok(
-            self.progress(ticket, |report, repeated, snapshot| proto::HomeResponse {
-                operation: Some(from::operation(report, repeated)),
-                axes: from::state(snapshot).axes,
-            }),
-        )
+        Ok(self.progress(ticket, |cell, report, repeated, snapshot| {
+            proto::HomeResponse {
+                operation: Some(told::operation(report, repeated)),
+                axes: told::axes(cell, snapshot),
+            }
+        }))
     }
 
     type MoveAxisStream = Stream<proto::MoveAxisResponse>;
@@ -231,12 +235,14 @@ impl InstrumentService for Instrument {
         let ticket = self
             .command(authorization, Command::Move { axis, target })
             .await?;
-        Ok(self.progress(ticket, move |report, repeated, snapshot| {
-            proto::MoveAxisResponse {
-                operation: Some(from::operation(report, repeated)),
-                state: Some(from::axis_state(axis, snapshot)),
-            }
-        }))
+        Ok(
+            self.progress(ticket, move |cell, report, repeated, snapshot| {
+                proto::MoveAxisResponse {
+                    operation: Some(told::operation(report, repeated)),
+                    state: Some(told::axis_state(cell, axis, snapshot)),
+                }
+            }),
+        )
     }
 
     type BiteStream = Stream<proto::BiteResponse>;
@@ -248,33 +254,14 @@ impl InstrumentService for Instrument {
         let proto::BiteRequest {
             authorization,
             current_limit_ma,
+            force_limit_n,
         } = request.into_inner();
-        let configured_ma = self.drives.cell().bite.current_limit_ma;
-        let current_limit_ma = from::optional_within(
-            "current_limit_ma",
-            current_limit_ma,
-            1.0,
-            configured_ma,
-            configured_ma,
-        )?;
+        let bite = &self.drives.cell().bite;
+        let current_limit_ma = from::bite_limit_ma(bite, current_limit_ma, force_limit_n)?;
         let ticket = self
             .command(authorization, Command::Bite { current_limit_ma })
             .await?;
-        Ok(self.progress(ticket, |report, repeated, snapshot| {
-            let state = from::axis_state(Axis::ForcepsFeed, snapshot);
-            let measured = from::jaw(snapshot.jaw);
-            proto::BiteResponse {
-                operation: Some(from::operation(report, repeated)),
-                jaw: report
-                    .bite
-                    .map_or(measured, |end| from::jaw(end.jaw))
-                    .into(),
-                peak_current_ma: report
-                    .bite
-                    .map_or(state.current_ma.abs(), |end| end.peak_current_ma),
-                state: Some(state),
-            }
-        }))
+        Ok(self.progress(ticket, told::bite))
     }
 
     type OpenJawStream = Stream<proto::OpenJawResponse>;
@@ -286,11 +273,11 @@ impl InstrumentService for Instrument {
         let ticket = self
             .command(request.into_inner().authorization, Command::OpenJaw)
             .await?;
-        Ok(self.progress(ticket, |report, repeated, snapshot| {
+        Ok(self.progress(ticket, |cell, report, repeated, snapshot| {
             proto::OpenJawResponse {
-                operation: Some(from::operation(report, repeated)),
-                state: Some(from::axis_state(Axis::ForcepsFeed, snapshot)),
-                jaw: from::jaw(snapshot.jaw).into(),
+                operation: Some(told::operation(report, repeated)),
+                state: Some(told::axis_state(cell, Axis::ForcepsFeed, snapshot)),
+                jaw: told::jaw(snapshot.jaw).into(),
             }
         }))
     }
@@ -319,6 +306,34 @@ impl InstrumentService for Instrument {
         self.carry_out(authorization, Command::Recover(axes))
             .await?;
         Ok(Response::new(proto::RecoverFaultResponse {}))
+    }
+
+    type CommissionSwitchesStream = Stream<proto::CommissionSwitchesResponse>;
+
+    async fn commission_switches(
+        &self,
+        request: Request<proto::CommissionSwitchesRequest>,
+    ) -> Result<Response<Self::CommissionSwitchesStream>, Status> {
+        let proto::CommissionSwitchesRequest {
+            authorization,
+            axis,
+            timeout_s,
+        } = request.into_inner();
+        let axis = from::axis("axis", axis)?;
+        let (shortest, longest, default) = COMMISSIONING_TIMEOUTS_S;
+        let timeout_s = from::optional_within("timeout_s", timeout_s, shortest, longest, default)?;
+        let timeout = Duration::from_secs_f64(timeout_s);
+        let command = Command::CommissionSwitches { axis, timeout };
+        let ticket = self.command(authorization, command).await?;
+        Ok(
+            self.progress(ticket, move |cell, report, repeated, snapshot| {
+                proto::CommissionSwitchesResponse {
+                    operation: Some(told::operation(report, repeated)),
+                    state: Some(told::axis_state(cell, axis, snapshot)),
+                    switches: report.switches.iter().map(told::commissioning).collect(),
+                }
+            }),
+        )
     }
 
     async fn read_object(

@@ -1,12 +1,17 @@
 //! Judges what the drives report, or fail to report. Not knowing is a fault: a missed heartbeat, an emergency, a restart,
 //! a statusword that no standard knows. A fault stays latched until a person has it recovered.
 
+mod responses;
+
 use std::time::Duration;
 
 use epos4_link::canopen::emcy::{self, Emergency};
 use epos4_link::canopen::heartbeat;
 use epos4_link::canopen::nmt;
+use epos4_link::frame::error::{ControllerState, Report};
+use epos4_link::network::Evidence;
 
+use self::responses::response;
 use crate::axis::Axis;
 
 /// Faults and heartbeats of all axes.
@@ -26,6 +31,10 @@ pub struct Fault {
     pub reason: &'static str,
     /// What happened, with value and limit.
     pub detail: String,
+    /// The drive's own error, from an emergency or object 0x603F.
+    pub code: Option<u16>,
+    /// What a person does about it.
+    pub response: &'static str,
 }
 
 impl Fault {
@@ -34,6 +43,8 @@ impl Fault {
         Self {
             reason,
             detail: detail.into(),
+            code: None,
+            response: response(reason),
         }
     }
 
@@ -41,16 +52,23 @@ impl Fault {
     pub fn loses_settings(&self) -> bool {
         matches!(
             self.reason,
-            "HEARTBEAT_LOST" | "UNEXPECTED_BOOT_UP" | "NMT_STATE_LOST" | "SDO_NO_ANSWER"
+            "HEARTBEAT_LOST"
+                | "UNEXPECTED_BOOT_UP"
+                | "NMT_STATE_LOST"
+                | "SDO_NO_ANSWER"
+                | "STALE_PROCESS_DATA"
+                | "CAN_COMMUNICATION"
         )
     }
 
     /// The drive's own error, from an emergency or object 0x603F.
     pub fn of_drive(code: u16) -> Self {
-        Self::new(
-            drive_reason(code),
-            format!("the drive reports 0x{code:04X}, {}", emcy::text(code)),
-        )
+        Self {
+            reason: drive_reason(code),
+            detail: format!("the drive reports 0x{code:04X}, {}", emcy::text(code)),
+            code: Some(code),
+            response: emcy::response(code),
+        }
     }
 }
 
@@ -61,6 +79,32 @@ pub enum Finding {
     Fault(Axis, Fault),
     /// The drive has just started and has to be set up.
     Started(Axis),
+}
+
+impl Finding {
+    /// More than one drive has the number of an axis.
+    pub fn duplicate(axis: Axis, node_id: u8, evidence: Evidence) -> Self {
+        let sign = match evidence {
+            Evidence::Heartbeats => "heartbeats come twice as often as one drive sends them",
+            Evidence::SecondAnswer => "a second answer came to one request",
+        };
+        let detail = format!("more than one node has the number {node_id}: {sign}");
+        Self::Fault(axis, Fault::new("DUPLICATE_NODE_ID", detail))
+    }
+}
+
+/// What a report of this host's CAN controller means: all drives are behind it.
+pub fn on_report(report: &Report) -> Vec<Finding> {
+    let reason = match report.state() {
+        Some(ControllerState::BusOff) => "BUS_OFF",
+        Some(ControllerState::ErrorPassive) => "BUS_ERROR_PASSIVE",
+        _ => return Vec::new(),
+    };
+    let detail = format!("the can controller reports {report}");
+    let fault = Fault::new(reason, detail);
+    Axis::ALL
+        .map(|axis| Finding::Fault(axis, fault.clone()))
+        .into()
 }
 
 impl Supervisor {
@@ -170,7 +214,7 @@ pub fn drive_reason(code: u16) -> &'static str {
         0x3210 | 0x3220 | 0x5113 => "SUPPLY_VOLTAGE",
         0x4210 | 0x4380 => "OVERTEMPERATURE",
         0x7300..=0x73FF => "POSITION_SENSOR",
-        0x8110..=0x81FF => "CAN_COMMUNICATION",
+        0x8110..=0x82FF => "CAN_COMMUNICATION",
         0x8611 => "FOLLOWING_ERROR",
         0x8A80 | 0x8A81 => "LIMIT_SWITCH",
         0x8A82 => "SOFTWARE_POSITION_LIMIT",

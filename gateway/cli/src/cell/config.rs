@@ -15,6 +15,8 @@ use toml::{Table, Value};
 use crate::arguments::ServiceName;
 use crate::exit::Failure;
 
+/// What the simulated jaw presses with, mA and N, as bites on its own blades showed.
+const JAW_FORCE_TABLE: [[f64; 2]; 2] = [[54.0, 0.0], [500.0, 159.0]];
 /// How far outside its portal the arthroscope rests, mm.
 const REST_OUTSIDE_MM: f64 = 80.0;
 
@@ -93,10 +95,11 @@ impl Configuration {
             arm.flange_from_tool.rotation_wxyz = flange_from_tool.rotation;
             arm.flange_from_tool.translation_mm = flange_from_tool.translation_mm;
         }
-        let instrument = arthro_instrument::config::Config {
+        let mut instrument = arthro_instrument::config::Config {
             bus: can.to_owned(),
             ..Default::default()
         };
+        instrument.bite.force_table = JAW_FORCE_TABLE.to_vec();
         type ConfigOf<S> = <S as Service>::Config;
         let registration = ConfigOf::<arthro_registration::Server>::default();
         let planning = ConfigOf::<arthro_planning::Server>::default();

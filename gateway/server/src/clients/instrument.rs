@@ -162,7 +162,7 @@ impl Instrument {
     pub async fn bite(&self, authorization: common::Authorization) -> Result<Bitten, Failure> {
         let request = proto::BiteRequest {
             authorization: Some(authorization),
-            current_limit_ma: 0.0,
+            ..proto::BiteRequest::default()
         };
         let call = within(MOTION_DEADLINE, request);
         let last = follow(PEER, self.0.clone().bite(call), |message| {

@@ -7,6 +7,7 @@
 use std::io::Write as _;
 
 use epos4_link::bus::{self, Address};
+use epos4_link::frame::candump::Line;
 use tokio::io::{Error, ErrorKind};
 
 #[tokio::main(flavor = "current_thread")]
@@ -19,13 +20,11 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut bus = bus::connect(&text).await?;
     let mut out = std::io::stdout();
     loop {
-        let received = bus.receive().await?;
-        let (seconds, microseconds) = (received.stamp.as_secs(), received.stamp.subsec_micros());
-        writeln!(
-            out,
-            "({seconds:010}.{microseconds:06}) {name} {:?}",
-            received.frame
-        )?;
+        let line = Line {
+            interface: &name,
+            stamped: bus.receive().await?,
+        };
+        writeln!(out, "{line}")?;
         out.flush()?;
     }
 }

@@ -4,4 +4,6 @@ pub mod emcy;
 pub mod heartbeat;
 pub mod nmt;
 pub mod object;
+pub mod pdo;
 pub mod sdo;
+pub mod sync;

@@ -12,3 +12,8 @@ pub mod eds;
 pub mod frame;
 pub mod network;
 pub mod objects;
+
+/// The examples of the README, compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,11 +1,14 @@
 //! What the drives can be told to do, and how one follows what becomes of it.
 
+use std::time::Duration;
+
 use arthro_authority::{Operation, OperationState};
 use epos4_link::canopen::object::Address;
 use tokio::sync::watch;
 
 use crate::axis::Axis;
 use crate::bite::BiteEnd;
+use crate::switches::commissioning::Progress;
 
 /// A command. Its values have been checked against the cell's limits.
 #[derive(Clone, PartialEq, Debug)]
@@ -28,6 +31,13 @@ pub enum Command {
     OpenJaw,
     /// Acknowledge the faults of these axes.
     Recover(Vec<Axis>),
+    /// Have the switches of an axis pressed by hand, while its drive has no power.
+    CommissionSwitches {
+        /// Which axis.
+        axis: Axis,
+        /// How long each switch may take, on the clock of the bus.
+        timeout: Duration,
+    },
     /// Write an object of a drive.
     Write {
         /// Whose drive.
@@ -44,7 +54,9 @@ impl Command {
     pub fn axes(&self) -> &[Axis] {
         match self {
             Self::Home(axes) | Self::Recover(axes) => axes,
-            Self::Move { axis, .. } | Self::Write { axis, .. } => std::slice::from_ref(axis),
+            Self::Move { axis, .. }
+            | Self::CommissionSwitches { axis, .. }
+            | Self::Write { axis, .. } => std::slice::from_ref(axis),
             Self::Bite { .. } | Self::OpenJaw => &[Axis::ForcepsFeed],
         }
     }
@@ -53,7 +65,7 @@ impl Command {
     pub fn moves(&self) -> bool {
         match self {
             Self::Home(_) | Self::Move { .. } | Self::Bite { .. } | Self::OpenJaw => true,
-            Self::Recover(_) | Self::Write { .. } => false,
+            Self::Recover(_) | Self::CommissionSwitches { .. } | Self::Write { .. } => false,
         }
     }
 
@@ -77,8 +89,21 @@ pub struct Authorization {
 pub struct Report {
     /// The operation.
     pub operation: Operation,
-    /// The end of a bite that is done.
+    /// What a bite came to, whether or not the jaw closed.
     pub bite: Option<BiteEnd>,
+    /// The switches that are being commissioned, or were.
+    pub switches: Vec<Progress>,
+}
+
+impl Report {
+    /// Of an operation that has nothing else to tell yet.
+    pub(super) fn of(operation: Operation) -> Self {
+        Self {
+            operation,
+            bite: None,
+            switches: Vec::new(),
+        }
+    }
 }
 
 /// The way to follow an accepted command. Dropping it changes nothing.

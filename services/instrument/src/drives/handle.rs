@@ -45,7 +45,10 @@ impl Handle {
 
     /// The newest state of everything.
     pub fn snapshot(&self) -> Snapshot {
-        self.board.snapshot()
+        Snapshot {
+            jaw: self.board.jaw(&self.cell),
+            ..self.board.snapshot()
+        }
     }
 
     /// The state of everything, whenever it changes.

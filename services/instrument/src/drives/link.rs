@@ -1,14 +1,18 @@
 //! One axis' drive: the orders that every motion is made of. Each waits for the drive's confirmation and for nothing
 //! longer than a limit on the drive's own clock.
 
+mod sampling;
+
 use std::sync::Arc;
 use std::time::Duration;
 
+use epos4_link::canopen::pdo;
 use epos4_link::cia402::{Command, Mode, State, Statusword, profile_position, towards_enabled};
 use epos4_link::network::Node;
 use epos4_link::objects;
 
 use super::board::Board;
+use super::process_data::{CONTROL_PDO, ProcessData};
 use crate::axis::{Axis, AxisSpec};
 use crate::config::{AxisSettings, Cell};
 use crate::error::Failure;
@@ -26,6 +30,7 @@ pub(super) struct Link {
     cell: Arc<Cell>,
     node: Node,
     board: Board,
+    process_data: ProcessData,
 }
 
 /// A move with profile: what differs from one to the next.
@@ -42,12 +47,19 @@ pub(super) struct Profile {
 }
 
 impl Link {
-    pub(super) fn new(axis: Axis, cell: Arc<Cell>, node: Node, board: Board) -> Self {
+    pub(super) fn new(
+        axis: Axis,
+        cell: Arc<Cell>,
+        node: Node,
+        board: Board,
+        process_data: ProcessData,
+    ) -> Self {
         Self {
             axis,
             cell,
             node,
             board,
+            process_data,
         }
     }
 
@@ -71,29 +83,12 @@ impl Link {
         &self.settings().spec
     }
 
-    pub(super) fn board(&self) -> &Board {
-        &self.board
+    pub(super) fn process_data(&self) -> &ProcessData {
+        &self.process_data
     }
 
-    /// Measures, and shows the measurement on the board. A statusword that no standard knows is a failure.
-    pub(super) async fn sample(&self) -> Result<Sample, Failure> {
-        // The position dates the sample: much time of the bus may pass between two answers, and a drive
-        // must not be held for late by where it was before that.
-        let position = self.node.read_stamped(objects::POSITION_ACTUAL).await?;
-        let current_ma = self.node.read(objects::CURRENT_ACTUAL).await?;
-        let statusword = self.node.read(objects::STATUSWORD).await?;
-        let sample = Sample {
-            statusword: Statusword(statusword),
-            position: self.spec().drivetrain.to_position(position.value),
-            current_ma: f64::from(current_ma),
-            stamp: position.stamp,
-        };
-        self.board
-            .update_axis(self.axis, |state| state.sample = Some(sample));
-        match sample.statusword.state() {
-            Some(_) => Ok(sample),
-            None => Err(Failure::UnknownStatusword(sample.statusword)),
-        }
+    pub(super) fn board(&self) -> &Board {
+        &self.board
     }
 
     /// Brings the drive into a mode and into OPERATION_ENABLED. A drive in fault stays there.
@@ -105,7 +100,7 @@ impl Link {
         loop {
             let Sample {
                 statusword, stamp, ..
-            } = self.sample().await?;
+            } = self.ask().await?;
             let Some(state) = statusword.state() else {
                 return Err(Failure::UnknownStatusword(statusword));
             };
@@ -171,7 +166,7 @@ impl Link {
                 stamp,
                 position,
                 ..
-            } = self.sample().await?;
+            } = self.ask().await?;
             match statusword.state() {
                 Some(State::OperationEnabled) => {}
                 Some(State::Fault) => return Err(self.drive_fault().await),
@@ -204,14 +199,19 @@ impl Link {
 
     /// Brakes on the quick stop ramp; returns when the drive stands and no longer obeys targets.
     pub(super) async fn quick_stop(&self) -> Result<(), Failure> {
+        let quick_stop = Command::QuickStop.controlword();
+        // Process data go at once, whatever the drive's SDO server is busy with; the SDO confirms.
+        if let Some(data) = pdo::Data::new(&quick_stop.to_le_bytes()) {
+            self.node.send_receive_pdo(CONTROL_PDO, &data).await?;
+        }
         self.node
-            .write_urgently(objects::CONTROLWORD, Command::QuickStop.controlword())
+            .write_urgently(objects::CONTROLWORD, quick_stop)
             .await?;
         let mut limit = Limit::new(TRANSITION_LIMIT);
         loop {
             let Sample {
                 statusword, stamp, ..
-            } = self.sample().await?;
+            } = self.ask().await?;
             let velocity_rpm = self.node.read(objects::VELOCITY_ACTUAL).await?;
             let Some(state) = statusword.state() else {
                 return Err(Failure::UnknownStatusword(statusword));
@@ -223,13 +223,21 @@ impl Link {
         }
     }
 
+    /// Switches the power off and has the drive not wait for this host's heartbeat any more: its silence is meant.
+    pub(super) async fn let_go(&self) -> Result<(), Failure> {
+        let off = Command::DisableVoltage.controlword();
+        self.node.write(objects::CONTROLWORD, off).await?;
+        self.node.write(objects::CONSUMER_HEARTBEAT_1, 0).await?;
+        Ok(())
+    }
+
     /// Acknowledges the drive's error, if it has one. The motor stays without power.
     pub(super) async fn reset_fault(&self) -> Result<(), Failure> {
         let mut limit = Limit::new(TRANSITION_LIMIT);
         loop {
             let Sample {
                 statusword, stamp, ..
-            } = self.sample().await?;
+            } = self.ask().await?;
             let Some(state) = statusword.state() else {
                 return Err(Failure::UnknownStatusword(statusword));
             };

@@ -1,26 +1,27 @@
 //! The commands, step by step. A motion is a future that the owner polls; dropping it ends it.
 
+mod bite;
+mod homing;
+mod profile;
+mod switches;
+
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
 use epos4_link::canopen::object::Address;
-use epos4_link::canopen::object::Object;
-use epos4_link::cia402::{self, Command as Order, Mode};
+use epos4_link::cia402::Statusword;
 use epos4_link::objects;
 use tokio::sync::watch;
 
 use super::commands::{Command, Report};
-use super::link::{Link, Profile};
+use super::link::Link;
 use crate::axis::Axis;
-use crate::bite::{self, BiteEnd, Jaw};
+use crate::bite::{BiteEnd, Jaw};
 use crate::config::Cell;
 use crate::error::Failure;
-use crate::homing::{self, HomingSpec};
 use crate::positioning::Sample;
 
-/// How far the drive's own position limits stand beyond the travel, as a share of it: the service refuses first.
-const LIMIT_MARGIN: f64 = 0.01;
 /// An operation under way.
 pub(super) struct Running {
     pub(super) id: String,
@@ -63,6 +64,7 @@ pub(super) fn carry_out(
     cell: Arc<Cell>,
     command: Command,
     links: Vec<Link>,
+    reports: watch::Sender<Report>,
 ) -> Pin<Box<dyn Future<Output = Ended> + Send>> {
     Box::pin(async move {
         let mut done = Done::default();
@@ -70,34 +72,36 @@ pub(super) fn carry_out(
             let at_fault = |failure| (link.axis(), failure);
             match &command {
                 Command::Home(_) => {
-                    let sample = home(link).await.map_err(at_fault)?;
+                    let sample = homing::home(link).await.map_err(at_fault)?;
                     add_detail(&mut done, link, &sample);
                     if link.axis() == Axis::ForcepsFeed {
                         done.jaw = Some(jaw_at(&cell, sample.position));
                     }
                 }
                 Command::Move { target, .. } => {
-                    let sample = move_to(link, *target).await.map_err(at_fault)?;
+                    let sample = profile::move_to(link, *target).await.map_err(at_fault)?;
                     add_detail(&mut done, link, &sample);
                     done.jaw = Some(jaw_at(&cell, sample.position));
                 }
                 Command::OpenJaw => {
-                    let sample = move_to(link, cell.bite.open_mm).await.map_err(at_fault)?;
+                    let sample = profile::move_to(link, cell.bite.open_mm)
+                        .await
+                        .map_err(at_fault)?;
                     add_detail(&mut done, link, &sample);
                     done.jaw = Some(Jaw::Open);
                 }
                 Command::Bite { current_limit_ma } => {
-                    let end = bite(link, *current_limit_ma).await.map_err(at_fault)?;
-                    let BiteEnd {
-                        position_mm,
-                        peak_current_ma,
-                        jaw,
-                    } = end;
-                    done.detail = format!(
-                        "closed at {position_mm:.3} mm with a peak of {peak_current_ma:.0} mA"
-                    );
-                    done.jaw = Some(jaw);
+                    let end = bite::bite(link, *current_limit_ma)
+                        .await
+                        .map_err(at_fault)?;
+                    done.detail = told(&end);
+                    done.jaw = Some(end.result.jaw());
                     done.bite = Some(end);
+                }
+                Command::CommissionSwitches { timeout, .. } => {
+                    done.detail = switches::commission(link, *timeout, &reports)
+                        .await
+                        .map_err(at_fault)?;
                 }
                 Command::Recover(_) => {
                     link.reset_fault().await.map_err(at_fault)?;
@@ -133,139 +137,40 @@ fn add_detail(done: &mut Done, link: &Link, sample: &Sample) {
     );
 }
 
-async fn move_to(link: &Link, target: f64) -> Result<Sample, Failure> {
-    let spec = link.spec();
-    let profile = Profile {
-        target,
-        speed: spec.speed,
-        current_limit_ma: spec.current_limit_ma,
-        following_error: spec.following_error,
-    };
-    let watch = link.begin_profile(profile).await?;
-    loop {
-        if let Some(ended) = watch.observe(&link.sample().await?) {
-            ended?;
-            break;
-        }
-    }
-    let window = spec.drivetrain.to_quadcount_distance(spec.following_error);
-    link.node()
-        .write(objects::FOLLOWING_ERROR_WINDOW, window)
-        .await?;
-    link.sample().await
+fn told(end: &BiteEnd) -> String {
+    let BiteEnd {
+        position_mm,
+        peak_current_ma,
+        ..
+    } = end;
+    let met = end
+        .contact_mm
+        .map(|mm| format!(", met something at {mm:.2} mm"))
+        .unwrap_or_default();
+    let force = end
+        .force_n
+        .map(|force_n| format!(", {force_n:.0} N"))
+        .unwrap_or_default();
+    format!("closed at {position_mm:.3} mm with a peak of {peak_current_ma:.0} mA{force}{met}")
 }
 
-/// The drive keeps closing with the current of the bite after the end, so that the jaw does not lose what it holds.
-async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, Failure> {
-    let (bite, tolerance_mm) = (link.cell().bite, link.spec().tolerance);
-    let profile = Profile {
-        target: bite.closed_mm,
-        speed: bite.speed_mm_s,
-        current_limit_ma,
-        // Tissue may hold the jaw anywhere on its way; the current is what is limited.
-        following_error: link.spec().travel.span(),
-    };
-    link.begin_profile(profile).await?;
-    let mut watch = bite::Watch::new(bite, current_limit_ma, tolerance_mm, &link.sample().await?);
-    loop {
-        if let Some(ended) = watch.observe(&link.sample().await?) {
-            return Ok(ended?);
-        }
+/// Asks the drive itself, now: what was last seen of it may be old.
+async fn referenced(link: &Link) -> Result<Sample, Failure> {
+    let sample = link.ask().await?;
+    if sample.statusword.has(Statusword::REFERENCED) {
+        Ok(sample)
+    } else {
+        Err(Failure::NotHomed {
+            axis: link.axis(),
+            statusword: sample.statusword,
+        })
     }
-}
-
-async fn home(link: &Link) -> Result<Sample, Failure> {
-    let (node, spec, homing) = (link.node(), link.spec(), link.settings().homing);
-    check_switch(link, &homing).await?;
-    let drivetrain = &spec.drivetrain;
-    // The old limits refer to the old reference.
-    node.write(objects::MIN_POSITION_LIMIT, 0).await?;
-    node.write(objects::MAX_POSITION_LIMIT, 0).await?;
-    node.write(objects::HOMING_METHOD, homing.method.code())
-        .await?;
-    node.write(
-        objects::HOME_POSITION,
-        drivetrain.to_quadcounts(homing.position),
-    )
-    .await?;
-    node.write(objects::HOME_OFFSET_MOVE_DISTANCE, 0).await?;
-    node.write(
-        objects::HOMING_CURRENT_THRESHOLD,
-        homing.current_threshold_ma,
-    )
-    .await?;
-    node.write(
-        objects::HOMING_SPEED_SWITCH,
-        drivetrain.to_rpm(homing.search_speed),
-    )
-    .await?;
-    node.write(
-        objects::HOMING_SPEED_ZERO,
-        drivetrain.to_rpm(homing.approach_speed),
-    )
-    .await?;
-    node.write(
-        objects::HOMING_ACCELERATION,
-        drivetrain.to_rpm(spec.acceleration),
-    )
-    .await?;
-    node.write(
-        objects::OUTPUT_CURRENT_LIMIT,
-        spec.current_limit_ma.round() as u32,
-    )
-    .await?;
-    let window = drivetrain.to_quadcount_distance(spec.following_error);
-    node.write(objects::FOLLOWING_ERROR_WINDOW, window).await?;
-
-    link.enable(Mode::Homing).await?;
-    let enabled = Order::EnableOperation.controlword();
-    node.write(objects::CONTROLWORD, enabled).await?;
-    let started = node
-        .write(objects::CONTROLWORD, enabled | cia402::homing::START)
-        .await?;
-    let mut watch = homing::Watch::new(started, homing.time_limit(spec));
-    loop {
-        let sample = link.sample().await?;
-        if sample.statusword.state() == Some(cia402::State::Fault) {
-            return Err(link.drive_fault().await);
-        }
-        if let Some(ended) = watch.observe(sample.statusword, sample.stamp) {
-            ended?;
-            break;
-        }
-    }
-    node.write(objects::CONTROLWORD, enabled).await?;
-    let margin = LIMIT_MARGIN * spec.travel.span();
-    let ends = [spec.travel.lowest - margin, spec.travel.highest + margin]
-        .map(|end| drivetrain.to_quadcounts(end));
-    node.write(objects::MIN_POSITION_LIMIT, ends[0].min(ends[1]))
-        .await?;
-    node.write(objects::MAX_POSITION_LIMIT, ends[0].max(ends[1]))
-        .await?;
-    link.sample().await
-}
-
-/// A search for a switch that no input has would end at the axis' end.
-async fn check_switch(link: &Link, homing: &HomingSpec) -> Result<(), Failure> {
-    let Some(function) = homing.method.needed_input_function() else {
-        return Ok(());
-    };
-    for input in 1..=objects::INPUT_COUNT {
-        let object: Object<u8> = objects::digital_input_function(input);
-        if link.node().read(object).await? == function {
-            return Ok(());
-        }
-    }
-    Err(Failure::SwitchNotMapped {
-        method: homing.method.code(),
-        function,
-    })
 }
 
 /// Objects that the service writes itself, because they move the drive or guard it.
 pub(crate) fn is_reserved(address: Address) -> bool {
     const COMMANDS: [u16; 5] = [0x6040, 0x6060, 0x6071, 0x607A, 0x60FF];
-    const GUARDS: [u16; 5] = [0x1016, 0x1017, 0x6007, 0x6065, 0x607D];
+    const GUARDS: [u16; 7] = [0x1016, 0x1017, 0x3141, 0x3142, 0x6007, 0x6065, 0x607D];
     COMMANDS.contains(&address.index)
         || GUARDS.contains(&address.index)
         || address == objects::OUTPUT_CURRENT_LIMIT.address

@@ -1,43 +1,46 @@
 //! The connection to the bus and what goes on over it: setting the drives up, looking at them, stopping them. It is made
-//! again whenever it is lost, and nothing moves by that.
+//! again whenever it is lost, and nothing moves by that. Only a controller that went bus-off waits for a person.
 
-use std::future::poll_fn;
+mod live;
+mod set_up;
+mod way;
+
 use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 use std::time::Duration;
 
-use epos4_link::canopen::nmt;
-use epos4_link::network::{Event, Network};
-use epos4_link::objects;
+use epos4_link::bus;
+use epos4_link::canopen::{nmt, pdo};
+use epos4_link::frame::error::{ControllerState, Report};
+use epos4_link::network::{Event, Network, Options};
 use tokio::sync::watch;
-use tokio::time::{Instant, sleep, sleep_until, timeout};
+use tokio::time::{Instant, sleep_until, timeout};
 
-use super::Connected;
-use super::board::{Board, Identity, Readiness};
+use super::board::{Board, BusCondition, Readiness};
 use super::link::Link;
-use super::motion::{self, Ended, Running};
+use super::motion::{Ended, Running};
 use crate::axis::Axis;
 use crate::config::Cell;
 use crate::error::{Failure, Refusal};
 
-/// Between two tries to reach the bus or a drive, real time.
+use self::live::{Live, leave_all, stop_all};
+#[cfg(test)]
+pub(crate) use self::way::Connected;
+pub(crate) use self::way::{ByAddress, Way};
+
+/// Between two tries to reach the bus, real time.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
-/// Between two looks at a drive that is not commanded, real time.
-const IDLE_LOOK_PAUSE: Duration = Duration::from_millis(50);
-/// A drive that was started must be OPERATIONAL within this, real time.
-const OPERATIONAL_LIMIT: Duration = Duration::from_secs(3);
+/// A drive that is recovered must be ready within this, real time.
+const RECOVERY_LIMIT: Duration = Duration::from_secs(15);
 
 type Work<T> = Pin<Box<dyn Future<Output = T> + Send>>;
-
-/// Makes a connection to the bus.
-pub(crate) type Connector = Box<dyn Fn() -> Work<Connected> + Send>;
 
 /// The connection, or the tries to make it.
 pub(super) struct Session {
     cell: Arc<Cell>,
     board: Board,
-    connector: Connector,
+    way: Box<dyn Way>,
+    links: Links,
     state: State,
 }
 
@@ -45,11 +48,11 @@ pub(super) struct Session {
 pub(super) enum Step {
     /// A report of a node, at this time of the bus.
     Bus(Event, Duration),
-    /// The connection broke.
-    BusLost(String),
+    /// The connection broke: a stable word, and what happened.
+    BusLost(&'static str, String),
     /// The drive of an axis is set up, at this time of the bus.
     Ready(Axis, Duration),
-    /// The drive of an axis could not be looked at.
+    /// The drive of an axis could not be looked at, or is not what it was.
     Fault(Axis, Failure),
     /// The operation at this place has ended.
     Ended(usize, Ended),
@@ -58,38 +61,27 @@ pub(super) enum Step {
 }
 
 enum State {
-    Connecting(Work<Connected>),
-    Waiting { until: Instant, why: String },
+    Connecting(Work<way::Connected>),
+    Waiting {
+        until: Instant,
+        why: String,
+    },
+    /// Nothing is tried until a person recovers an axis.
+    Held {
+        why: String,
+    },
     Live(Box<Live>),
 }
 
-struct Live {
-    network: Network,
-    axes: [LiveAxis; 4],
-    stopping: Option<Work<Result<(), Refusal>>>,
-    silence: Duration,
-}
-
-struct LiveAxis {
-    link: Link,
-    nmt_state: watch::Sender<Option<nmt::State>>,
-    upkeep: Upkeep,
-}
-
-/// What is done with a drive when nobody commands it.
-enum Upkeep {
-    SettingUp(Work<()>),
-    Looking(Work<Failure>),
-}
-
 impl Session {
-    pub(super) fn new(cell: Arc<Cell>, board: Board, connector: Connector) -> Self {
-        let state = State::Connecting(connector());
+    pub(super) fn new(cell: Arc<Cell>, board: Board, way: Box<dyn Way>) -> Self {
+        board.update(|state| state.bus.bit_rate = cell.bit_rate);
         Self {
+            state: State::Connecting(way.connect()),
             cell,
             board,
-            connector,
-            state,
+            way,
+            links: Links(watch::Sender::default()),
         }
     }
 
@@ -98,75 +90,122 @@ impl Session {
         loop {
             match &mut self.state {
                 State::Connecting(connecting) => match connecting.await {
-                    Ok(bus) => {
-                        tracing::info!(bus = %self.cell.bus, "bus connected");
-                        let (network, nodes) = Network::new(bus, self.cell.sdo_timeout);
-                        let axes = Axis::ALL.map(|axis| {
-                            let node = nodes.node(self.cell.axes[axis.index()].spec.node_id);
-                            LiveAxis::new(Link::new(
-                                axis,
-                                self.cell.clone(),
-                                node,
-                                self.board.clone(),
-                            ))
-                        });
-                        let silence = self.cell.bus_silence;
-                        self.state = State::Live(Box::new(Live {
-                            network,
-                            axes,
-                            stopping: None,
-                            silence,
-                        }));
-                    }
-                    Err(error) => self.disconnect(&error.to_string()),
+                    Ok(bus) => self.go_live(bus),
+                    Err(error) => self.disconnect("BUS_LOST", &error.to_string()),
                 },
                 State::Waiting { until, .. } => {
                     sleep_until(*until).await;
-                    self.state = State::Connecting((self.connector)());
+                    self.state = State::Connecting(self.way.connect());
                 }
+                State::Held { .. } => std::future::pending().await,
                 State::Live(live) => return live.step(running).await,
             }
         }
     }
 
+    fn go_live(&mut self, bus: Box<dyn bus::CanBus>) {
+        tracing::info!(bus = %self.cell.bus, "bus connected");
+        let heartbeat = Duration::from_millis(self.cell.heartbeat_ms.into());
+        let options = Options {
+            sdo_timeout: self.cell.sdo_timeout,
+            heartbeat: Some((self.cell.host_node_id, heartbeat)),
+            node_heartbeat: Some(heartbeat),
+            bit_rate: self.cell.bit_rate,
+            ..Options::default()
+        };
+        let (network, nodes) = Network::new(bus, options);
+        self.board.update(|state| {
+            state.bus.condition = BusCondition::Active;
+            state.bus.detail.clear();
+            state.bus.counters = None;
+        });
+        let live = Live::new(network, &nodes, &self.cell, &self.board);
+        self.links.set(live.links());
+        self.state = State::Live(Box::new(live));
+    }
+
     /// The way to the drive of an axis, or why there is none.
     pub(super) fn link(&self, axis: Axis) -> Result<Link, String> {
-        let State::Live(live) = &self.state else {
-            return Err(self.why_not_connected());
-        };
         match &self.board.snapshot().axes[axis.index()].readiness {
-            Readiness::Ready => Ok(live.axes[axis.index()].link.clone()),
-            Readiness::NotReady(why) => Err(why.clone()),
+            Readiness::Ready => self.links.get(axis).ok_or_else(|| self.why_not_connected()),
+            Readiness::NotReady { detail, .. } => Err(detail.clone()),
         }
+    }
+
+    /// The ways to the drives, for who waits for them.
+    pub(super) fn links(&self) -> Links {
+        self.links.clone()
     }
 
     pub(super) fn why_not_connected(&self) -> String {
         match &self.state {
             State::Connecting(_) => format!("{} is not connected yet", self.cell.bus),
-            State::Waiting { why, .. } => why.clone(),
+            State::Waiting { why, .. } | State::Held { why } => why.clone(),
             State::Live(_) => "no drive has been reached".to_owned(),
         }
     }
 
     /// Closes the connection and begins to make a new one.
-    pub(super) fn disconnect(&mut self, why: &str) {
+    pub(super) fn disconnect(&mut self, reason: &'static str, why: &str) {
         if !matches!(&self.state, State::Waiting { why: before, .. } if before == why) {
-            tracing::warn!(bus = %self.cell.bus, why, "bus not connected");
+            tracing::warn!(bus = %self.cell.bus, reason, why, "bus not connected");
         }
-        self.board.update(|state| {
-            for axis in &mut state.axes {
-                axis.readiness = Readiness::NotReady(why.to_owned());
-                axis.nmt_state = None;
-            }
-        });
+        self.close(reason, why, BusCondition::Down);
         self.state = State::Waiting {
             until: Instant::now() + RETRY_PAUSE,
             why: why.to_owned(),
         };
     }
 
+    /// Closes the connection and leaves it closed until a person recovers an axis.
+    pub(super) fn hold(&mut self, reason: &'static str, why: &str) {
+        self.close(reason, why, BusCondition::Off);
+        self.state = State::Held {
+            why: why.to_owned(),
+        };
+    }
+
+    fn close(&mut self, reason: &'static str, why: &str, condition: BusCondition) {
+        self.links.set([const { None }; 4]);
+        self.board.update(|state| {
+            state.bus.condition = condition;
+            state.bus.detail = why.to_owned();
+            state.bus.load = 0.0;
+            for axis in &mut state.axes {
+                axis.readiness = Readiness::NotReady {
+                    reason,
+                    detail: why.to_owned(),
+                };
+                axis.nmt_state = None;
+            }
+        });
+    }
+
+    /// A person recovers: a bus that is not connected is tried at once, after its controller was brought back.
+    pub(super) fn recover(&mut self) {
+        if let State::Held { .. } = self.state
+            && let Err(error) = self.way.restart()
+        {
+            tracing::warn!(%error, "the controller could not be restarted");
+            self.hold("BUS_OFF", &error.to_string());
+            return;
+        }
+        if let State::Held { .. } | State::Waiting { .. } = self.state {
+            self.state = State::Connecting(self.way.connect());
+        }
+    }
+
     /// Begins to quick-stop every drive that has been reached.
     pub(super) fn begin_stop(&mut self) {
+        self.begin(|links| Box::pin(stop_all(links)));
+    }
+
+    /// Begins to stop every drive that has been reached and to leave it.
+    pub(super) fn begin_leaving(&mut self) {
+        self.begin(|links| Box::pin(leave_all(links)));
+    }
+
+    fn begin(&mut self, stopping: impl FnOnce([Option<Link>; 4]) -> Work<Result<(), Refusal>>) {
         let State::Live(live) = &mut self.state else {
             return;
         };
@@ -177,10 +216,9 @@ impl Session {
             .map(|axis| axis.identity.is_some());
         if known.contains(&true) {
             let links = live
-                .axes
-                .each_ref()
-                .map(|axis| known[axis.link.axis().index()].then(|| axis.link.clone()));
-            live.stopping = Some(Box::pin(stop_all(links)));
+                .links()
+                .map(|link| link.filter(|link| known[link.axis().index()]));
+            live.stopping = Some(stopping(links));
         }
     }
 
@@ -191,232 +229,106 @@ impl Session {
     pub(super) fn on_heartbeat(&mut self, axis: Axis, nmt_state: nmt::State) {
         self.board
             .update_axis(axis, |state| state.nmt_state = Some(nmt_state));
-        if let State::Live(live) = &self.state {
-            live.axes[axis.index()]
-                .nmt_state
-                .send_replace(Some(nmt_state));
+    }
+
+    /// Takes process data of an axis; a failure when they say what no standard knows.
+    pub(super) fn on_pdo(
+        &mut self,
+        axis: Axis,
+        number: u8,
+        data: &pdo::Data,
+        stamp: Duration,
+    ) -> Result<(), Failure> {
+        let Some(link) = self.links.get(axis) else {
+            return Ok(());
+        };
+        if !link.process_data().take(number, data, stamp) {
+            // What does not fit the mapping does not count as news; when none follow, that is noticed.
+            tracing::warn!(%axis, number, data = ?data.as_slice(), "process data not as mapped");
+            return Ok(());
         }
+        if self.board.is_ready(axis) {
+            return link.show_image();
+        }
+        Ok(())
+    }
+
+    /// The bus is at this time.
+    pub(super) fn on_time(&mut self, now: Duration) {
+        let State::Live(live) = &mut self.state else {
+            return;
+        };
+        live.on_time(now);
+        let load = live.load();
+        self.board.update(|state| {
+            state.now = now;
+            state.bus.load = load;
+        });
+    }
+
+    /// Shows what the controller reports.
+    pub(super) fn on_report(&mut self, report: &Report) {
+        self.board.update(|state| {
+            state.bus.detail = report.to_string();
+            state.bus.counters = report.counters().or(state.bus.counters);
+            match report.state() {
+                Some(ControllerState::ErrorPassive) => {
+                    state.bus.condition = BusCondition::ErrorPassive;
+                }
+                Some(ControllerState::ErrorActive | ControllerState::ErrorWarning) => {
+                    state.bus.condition = BusCondition::Active;
+                }
+                _ => {}
+            }
+        });
     }
 
     /// The drive may have lost its settings: it cannot be commanded until they are made again.
-    pub(super) fn set_up_anew(&mut self, axis: Axis, why: &str) {
+    pub(super) fn set_up_anew(&mut self, axis: Axis, reason: &'static str, why: &str) {
         if let State::Live(live) = &mut self.state {
-            live.axes[axis.index()].set_up_anew(why);
+            live.set_up_anew(axis, reason, why);
         }
     }
 }
 
-impl Live {
-    async fn step(&mut self, running: &mut [Running]) -> Step {
-        loop {
-            let Self {
-                network,
-                axes,
-                stopping,
-                silence,
-            } = self;
-            let silent_at = network.heard_at() + *silence;
-            let any_ready = axes.iter().any(LiveAxis::is_ready);
-            tokio::select! {
-                biased;
-                event = network.next_event() => return match event {
-                    Ok(event) => Step::Bus(event, network.now()),
-                    Err(error) => Step::BusLost(error.to_string()),
-                },
-                outcome = poll_fn(|context| poll_option(stopping, context)) => return Step::Stopped(outcome),
-                (place, ended) = poll_fn(|context| motion::poll_ended(running, context)) => {
-                    return Step::Ended(place, ended);
-                }
-                (axis, failure) = poll_fn(|context| poll_upkeep(axes, context)) => return match failure {
-                    Some(failure) => Step::Fault(axis, failure),
-                    None => Step::Ready(axis, network.now()),
-                },
-                () = sleep_until(silent_at), if any_ready => {
-                    if network.heard_at() + *silence <= Instant::now() {
-                        return Step::BusLost(format!("nothing was heard for {} s", silence.as_secs_f64()));
-                    }
-                }
-            }
-        }
-    }
-}
+/// The ways to the drives while there is a connection. Clones are the same.
+#[derive(Clone)]
+pub(super) struct Links(watch::Sender<[Option<Link>; 4]>);
 
-impl LiveAxis {
-    fn new(link: Link) -> Self {
-        let nmt_state = watch::Sender::new(None);
-        let upkeep = Upkeep::SettingUp(Box::pin(set_up(link.clone(), nmt_state.subscribe())));
-        let mut axis = Self {
-            link,
-            nmt_state,
-            upkeep,
-        };
-        axis.set_up_anew("the drive has not answered yet");
-        axis
+impl Links {
+    fn set(&self, links: [Option<Link>; 4]) {
+        self.0.send_replace(links);
     }
 
-    fn is_ready(&self) -> bool {
-        matches!(self.upkeep, Upkeep::Looking(_))
+    fn get(&self, axis: Axis) -> Option<Link> {
+        self.0.borrow()[axis.index()].clone()
     }
 
-    fn set_up_anew(&mut self, why: &str) {
-        not_ready(&self.link, why);
-        self.nmt_state.send_replace(None);
-        self.upkeep = Upkeep::SettingUp(Box::pin(set_up(
-            self.link.clone(),
-            self.nmt_state.subscribe(),
-        )));
-    }
-}
-
-fn not_ready(link: &Link, why: &str) {
-    link.board().update_axis(link.axis(), |state| {
-        state.readiness = Readiness::NotReady(why.to_owned())
-    });
-}
-
-/// `None` when the drive of the axis has been set up, else why it could not be looked at.
-fn poll_upkeep(
-    axes: &mut [LiveAxis; 4],
-    context: &mut Context<'_>,
-) -> Poll<(Axis, Option<Failure>)> {
-    for axis in axes {
-        match &mut axis.upkeep {
-            Upkeep::SettingUp(work) => {
-                if work.as_mut().poll(context).is_ready() {
-                    axis.upkeep = Upkeep::Looking(Box::pin(look(axis.link.clone())));
-                    return Poll::Ready((axis.link.axis(), None));
-                }
-            }
-            Upkeep::Looking(work) => {
-                if let Poll::Ready(failure) = work.as_mut().poll(context) {
-                    axis.set_up_anew(&failure.to_string());
-                    return Poll::Ready((axis.link.axis(), Some(failure)));
+    /// Waits until the drives of these axes can be commanded.
+    pub(super) async fn ready(
+        &self,
+        board: &Board,
+        axes: &[Axis],
+    ) -> Result<Vec<Link>, (Axis, Failure)> {
+        let mut links = Vec::new();
+        for axis in axes {
+            let mut states = board.subscribe();
+            let ready = states.wait_for(|state| {
+                state.axes[axis.index()].readiness == Readiness::Ready && self.get(*axis).is_some()
+            });
+            let is_ready = matches!(timeout(RECOVERY_LIMIT, ready).await, Ok(Ok(_)));
+            match self.get(*axis).filter(|_| is_ready) {
+                Some(link) => links.push(link),
+                None => {
+                    let readiness = board.snapshot().axes[axis.index()].readiness.clone();
+                    let why = match readiness {
+                        Readiness::NotReady { reason, detail } => format!("{reason}: {detail}"),
+                        Readiness::Ready => "it came and went".to_owned(),
+                    };
+                    return Err((*axis, Failure::NotReady(why)));
                 }
             }
         }
-    }
-    Poll::Pending
-}
-
-fn poll_option<T>(work: &mut Option<Work<T>>, context: &mut Context<'_>) -> Poll<T> {
-    let Some(future) = work else {
-        return Poll::Pending;
-    };
-    let polled = future.as_mut().poll(context);
-    if polled.is_ready() {
-        *work = None;
-    }
-    polled
-}
-
-/// Tries until the drive is what it should be and has its settings.
-async fn set_up(link: Link, mut nmt_state: watch::Receiver<Option<nmt::State>>) {
-    let mut last = String::new();
-    loop {
-        match try_set_up(&link, &mut nmt_state).await {
-            Ok(()) => {
-                tracing::info!(axis = %link.axis(), "drive ready");
-                return link
-                    .board()
-                    .update_axis(link.axis(), |state| state.readiness = Readiness::Ready);
-            }
-            Err(why) => {
-                if why != last {
-                    tracing::warn!(axis = %link.axis(), why, "drive not ready");
-                }
-                not_ready(&link, &why);
-                last = why;
-            }
-        }
-        sleep(RETRY_PAUSE).await;
-    }
-}
-
-async fn try_set_up(
-    link: &Link,
-    nmt_state: &mut watch::Receiver<Option<nmt::State>>,
-) -> Result<(), String> {
-    let (node, cell, spec) = (link.node(), link.cell(), link.spec());
-    let told = |error: epos4_link::network::Error| error.to_string();
-    let identity = Identity {
-        vendor_id: node.read(objects::VENDOR_ID).await.map_err(told)?,
-        product_code: node.read(objects::PRODUCT_CODE).await.map_err(told)?,
-        revision: node.read(objects::REVISION_NUMBER).await.map_err(told)?,
-        serial_number: node.read(objects::SERIAL_NUMBER).await.map_err(told)?,
-    };
-    check("vendor (0x1018:01)", identity.vendor_id, cell.vendor_id)?;
-    check(
-        "product code (0x1018:02)",
-        identity.product_code,
-        cell.product_code,
-    )?;
-    let resolution = node
-        .read(objects::MAIN_SENSOR_RESOLUTION)
-        .await
-        .map_err(told)?;
-    check(
-        "encoder resolution (0x3000:05)",
-        resolution,
-        spec.drivetrain.quadcounts_per_motor_turn,
-    )?;
-    link.board()
-        .update_axis(link.axis(), |state| state.identity = Some(identity));
-
-    let deceleration = spec.drivetrain.to_rpm(spec.quick_stop_deceleration);
-    node.write(objects::QUICK_STOP_DECELERATION, deceleration)
-        .await
-        .map_err(told)?;
-    node.write(objects::PRODUCER_HEARTBEAT, cell.heartbeat_ms)
-        .await
-        .map_err(told)?;
-    node.command(nmt::Command::Start).await.map_err(told)?;
-    let operational = nmt_state.wait_for(|state| *state == Some(nmt::State::Operational));
-    if timeout(OPERATIONAL_LIMIT, operational).await.is_err() {
-        return Err(format!(
-            "not OPERATIONAL within {} s",
-            OPERATIONAL_LIMIT.as_secs()
-        ));
-    }
-    link.sample()
-        .await
-        .map(|_| ())
-        .map_err(|failure| failure.to_string())
-}
-
-fn check(what: &str, found: u32, expected: u32) -> Result<(), String> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(format!(
-        "{what} is 0x{found:08X}, configured is 0x{expected:08X}"
-    ))
-}
-
-/// Looks at a drive again and again, while no command does so itself.
-async fn look(link: Link) -> Failure {
-    loop {
-        if !link.board().is_commanded(link.axis())
-            && let Err(failure) = link.sample().await
-        {
-            return failure;
-        }
-        sleep(IDLE_LOOK_PAUSE).await;
-    }
-}
-
-/// All at the same time; with the names of those that did not confirm.
-async fn stop_all(links: [Option<Link>; 4]) -> Result<(), Refusal> {
-    let [a, b, c, d] = links.map(|link| async move {
-        let link = link?;
-        let failure = link.quick_stop().await.err()?;
-        tracing::error!(axis = %link.axis(), %failure, "quick stop not confirmed");
-        Some(format!("{}: {failure}", link.axis()))
-    });
-    let (a, b, c, d) = tokio::join!(a, b, c, d);
-    let failures: Vec<String> = [a, b, c, d].into_iter().flatten().collect();
-    if failures.is_empty() {
-        Ok(())
-    } else {
-        Err(Refusal::StopNotConfirmed(failures.join("; ")))
+        Ok(links)
     }
 }

@@ -1,20 +1,28 @@
+mod bite;
+mod bus;
 mod fake;
+mod faults;
+mod lease;
+mod motion;
+mod process_data;
+mod requests;
+mod set_up;
+mod stop;
+mod switches;
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use arthro_authority::OperationState;
-use arthro_proto::instrument::v1 as proto;
-use arthro_proto::instrument::v1::axis_position::Value as Position;
-use arthro_proto::instrument::v1::instrument_service_server::InstrumentService as _;
-use epos4_link::canopen::object::Address;
-use epos4_link::canopen::sdo::AbortCode;
+use epos4_link::bus::CanBus;
 use epos4_link::cia402::State;
+use epos4_link::frame::{Frame, Stamped};
 use epos4_link::objects;
 use tokio::task::JoinHandle;
-use tonic::Code;
 
 use self::fake::FakeCell;
+use super::session::Connected;
 use super::*;
 use crate::config::Config;
-use crate::server::Instrument;
 
 /// Node ids of the axes.
 const FORCEPS_ROTATION: usize = 1;
@@ -27,7 +35,55 @@ struct World {
     handle: Handle,
     token: u64,
     operations: u32,
+    /// How often the controller was restarted.
+    restarts: Arc<AtomicU32>,
+    /// Whether the bus takes no frames.
+    is_choked: Arc<AtomicBool>,
+    shut_down: Option<oneshot::Sender<()>>,
     owner: JoinHandle<()>,
+}
+
+struct ToFake {
+    cell: FakeCell,
+    restarts: Arc<AtomicU32>,
+    is_choked: Arc<AtomicBool>,
+}
+
+impl Way for ToFake {
+    fn connect(&self) -> std::pin::Pin<Box<dyn Future<Output = Connected> + Send>> {
+        let port = Port {
+            bus: self.cell.attach(),
+            is_choked: self.is_choked.clone(),
+        };
+        Box::pin(async move { Ok(Box::new(port) as Box<dyn CanBus>) })
+    }
+
+    fn restart(&self) -> Result<(), epos4_link::bus::Error> {
+        self.restarts.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+/// A port of the fake bus that can be made to take no frames.
+struct Port {
+    bus: Box<dyn CanBus>,
+    is_choked: Arc<AtomicBool>,
+}
+
+impl CanBus for Port {
+    fn send(&mut self, frame: Frame) -> Result<(), epos4_link::bus::Error> {
+        if self.is_choked.load(Ordering::Relaxed) {
+            return Err(epos4_link::bus::Error::QueueFull);
+        }
+        self.bus.send(frame)
+    }
+
+    fn poll_receive(
+        &mut self,
+        context: &mut std::task::Context<'_>,
+    ) -> std::task::Poll<Result<Stamped, epos4_link::bus::Error>> {
+        self.bus.poll_receive(context)
+    }
 }
 
 impl World {
@@ -57,22 +113,31 @@ impl World {
     }
 
     fn start(cell: FakeCell) -> Self {
-        let config = Config {
+        let mut config = Config {
             sdo_timeout_s: 3.0,
             ..Config::default()
         };
-        let bus = cell.clone();
-        let connector = move || -> std::pin::Pin<Box<dyn Future<Output = Connected> + Send>> {
-            let bus = bus.clone();
-            Box::pin(async move { Ok(bus.attach()) })
+        config.bite.force_table = vec![[40.0, 0.0], [100.0, 15.0], [760.0, 270.0]];
+        let restarts = Arc::new(AtomicU32::new(0));
+        let is_choked = Arc::new(AtomicBool::new(false));
+        let way = ToFake {
+            cell: cell.clone(),
+            restarts: restarts.clone(),
+            is_choked: is_choked.clone(),
         };
-        let (drives, handle) = Drives::with_connector(config.check().unwrap(), Box::new(connector));
-        let owner = tokio::spawn(drives.run(Drain::never()));
+        let (drives, handle) = Drives::with_way(config.check().unwrap(), Box::new(way));
+        let (shut_down, draining) = oneshot::channel::<()>();
+        let owner = tokio::spawn(drives.run_until(async move {
+            draining.await.ok();
+        }));
         Self {
             cell,
             handle,
             token: 0,
             operations: 0,
+            restarts,
+            is_choked,
+            shut_down: Some(shut_down),
             owner,
         }
     }
@@ -126,9 +191,38 @@ impl World {
             .map_or("", |fault| fault.reason)
     }
 
+    fn faults(&self) -> [&'static str; 4] {
+        Axis::ALL.map(|axis| self.fault(axis))
+    }
+
+    async fn until_all_have(&self, reason: &str) {
+        self.until(|state| {
+            let mut axes = state.axes.iter();
+            axes.all(|axis| {
+                axis.fault
+                    .as_ref()
+                    .is_some_and(|fault| fault.reason == reason)
+            })
+        })
+        .await;
+    }
+
+    async fn until_ready(&self) {
+        self.until(|state| {
+            let mut axes = state.axes.iter();
+            axes.all(|axis| axis.readiness == Readiness::Ready)
+        })
+        .await;
+    }
+
+    async fn recover_all(&mut self) -> OperationState {
+        let report = self.run(Command::Recover(Axis::ALL.to_vec())).await;
+        report.operation.state
+    }
+
     /// A move that has begun and all but stands until the drives' time goes on.
     async fn long_move(&mut self) -> Ticket {
-        self.cell.set_micros_per_request(1);
+        self.cell.hold_time();
         let ticket = self
             .begin(Command::Move {
                 axis: Axis::ForcepsFeed,
@@ -153,595 +247,3 @@ const MOVE_ROTATION: Command = Command::Move {
     axis: Axis::ForcepsRotation,
     target: 90.0,
 };
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn drives_are_set_up_and_none_is_switched_on() {
-    let world = World::ready().await;
-    let state = world.handle.snapshot();
-    assert_eq!(state.axes[1].identity.unwrap().serial_number, 1002);
-    assert_eq!(state.jaw, Jaw::Unknown);
-    for node_id in 1..=4 {
-        let drive = world.cell.drive(node_id);
-        assert_eq!(
-            (drive.state, drive.controlwords.len()),
-            (State::SwitchOnDisabled, 0)
-        );
-        assert_eq!(drive.get(objects::PRODUCER_HEARTBEAT), 100);
-    }
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_drive_of_another_kind_is_not_commanded() {
-    let cell = FakeCell::start();
-    cell.change(FORCEPS_FEED, |drive| {
-        drive.set(objects::PRODUCT_CODE, 0x6150_0000)
-    });
-    let mut world = World::start(cell);
-    let why = "product code (0x1018:02) is 0x61500000, configured is 0x60500000";
-    world
-        .until(|state| state.axes[1].readiness == Readiness::NotReady(why.to_owned()))
-        .await;
-    world
-        .until(|state| state.axes[0].readiness == Readiness::Ready)
-        .await;
-    world.token = world
-        .handle
-        .acquire("test".into(), Duration::from_secs(60))
-        .await
-        .unwrap()
-        .fencing_token;
-    assert_eq!(
-        world.reason(Command::Home(vec![Axis::ForcepsFeed])).await,
-        "AXIS_NOT_READY"
-    );
-    assert!(world.cell.drive(FORCEPS_FEED).controlwords.is_empty());
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_axis_without_reference_moves_only_to_find_it() {
-    let mut world = World::ready().await;
-    assert_eq!(world.reason(MOVE_ROTATION).await, "NOT_HOMED");
-    assert_eq!(world.reason(Command::OpenJaw).await, "NOT_HOMED");
-    let home = world.run(Command::Home(vec![Axis::ForcepsFeed])).await;
-    assert_eq!(home.operation.detail, "forceps_feed at -1.000 mm");
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Open);
-    let moved = world.feed_to(3.0).await;
-    assert_eq!(
-        (moved.operation.state, &*moved.operation.detail),
-        (OperationState::Done, "forceps_feed at 3.000 mm")
-    );
-    let drive = world.cell.drive(FORCEPS_FEED);
-    assert_eq!(drive.targets_qc, [64_512]);
-    assert_eq!(drive.get(objects::PROFILE_VELOCITY), 6_300);
-    assert_eq!(
-        drive.get(objects::MAX_POSITION_LIMIT),
-        (14.15 * QC_PER_MM).round() as i32
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_search_for_a_switch_that_no_input_has_is_refused_before_the_motor_obeys() {
-    let mut world = World::ready().await;
-    world.cell.change(FORCEPS_FEED, |drive| {
-        drive.set(objects::digital_input_function(1), 255)
-    });
-    let home = world.run(Command::Home(vec![Axis::ForcepsFeed])).await;
-    assert_eq!(home.operation.reason, "HOMING_SWITCH_NOT_MAPPED");
-    assert_ne!(
-        world.cell.drive(FORCEPS_FEED).state,
-        State::OperationEnabled
-    );
-    assert_eq!(world.fault(Axis::ForcepsFeed), "");
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn only_the_holder_of_the_lease_commands() {
-    let mut world = World::homed().await;
-    world.handle.release(world.token).await.unwrap();
-    assert_eq!(world.reason(MOVE_ROTATION).await, "NO_LEASE");
-    let newer = world
-        .handle
-        .acquire("other".into(), Duration::from_secs(60))
-        .await
-        .unwrap()
-        .fencing_token;
-    assert!(newer > world.token);
-    assert_eq!(world.reason(MOVE_ROTATION).await, "STALE_FENCING_TOKEN");
-    assert!(world.cell.drive(FORCEPS_ROTATION).targets_qc.is_empty());
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_repeated_operation_is_answered_and_does_not_act_again() {
-    let mut world = World::homed().await;
-    let authorization = world.authorization();
-    let mut first = world
-        .handle
-        .command(authorization.clone(), MOVE_ROTATION)
-        .await
-        .unwrap();
-    let mut again = world
-        .handle
-        .command(authorization.clone(), MOVE_ROTATION)
-        .await
-        .unwrap();
-    assert!(!first.repeated && again.repeated);
-    assert_eq!(first.ended().await, again.ended().await);
-    let mut later = world
-        .handle
-        .command(authorization.clone(), MOVE_ROTATION)
-        .await
-        .unwrap();
-    assert_eq!(
-        later.ended().await.unwrap().operation.state,
-        OperationState::Done
-    );
-    assert_eq!(world.cell.drive(FORCEPS_ROTATION).targets_qc, [10_752]);
-    let other = Command::Move {
-        axis: Axis::ForcepsRotation,
-        target: 91.0,
-    };
-    let refused = world
-        .handle
-        .command(authorization, other)
-        .await
-        .unwrap_err();
-    assert!(matches!(
-        refused,
-        Refusal::Authority(arthro_authority::Refusal::OperationIdReused { .. })
-    ));
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_motion_goes_on_when_nobody_watches_it() {
-    let mut world = World::homed().await;
-    drop(world.long_move().await);
-    assert_eq!(world.reason(Command::OpenJaw).await, "AXIS_MOVING");
-    let refused = world.handle.release(world.token).await.unwrap_err();
-    world.cell.set_micros_per_request(1000);
-    assert!(matches!(
-        refused,
-        Refusal::AxisMoving {
-            axis: Axis::ForcepsFeed,
-            ..
-        }
-    ));
-    world
-        .cell
-        .until(FORCEPS_FEED, |drive| drive.position_qc == 14.0 * QC_PER_MM)
-        .await;
-    world.until(|state| !state.axes[1].moving).await;
-    assert_eq!(
-        world.cell.drive(FORCEPS_FEED).state,
-        State::OperationEnabled
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn stop_needs_no_lease_and_ends_every_motion() {
-    let mut world = World::homed().await;
-    let mut ticket = world.long_move().await;
-    world.handle.stop("the operator".into()).await.unwrap();
-    let stopped = ticket.ended().await.unwrap().operation;
-    assert_eq!(
-        (stopped.state, &*stopped.reason),
-        (OperationState::Stopped, "STOPPED")
-    );
-    assert_eq!(stopped.detail, "stopped: the operator");
-    let drive = world.cell.drive(FORCEPS_FEED);
-    assert_eq!(
-        (drive.state, drive.controlwords.last()),
-        (State::QuickStopActive, Some(&0x0002))
-    );
-    assert!(drive.position_qc < 14.0 * QC_PER_MM);
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
-    // Nothing goes on by itself; a new command does.
-    world.cell.set_micros_per_request(1000);
-    let moved = world.feed_to(2.0).await;
-    assert_eq!(moved.operation.state, OperationState::Done);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lost_lease_quick_stops_the_drives() {
-    let mut world = World::homed().await;
-    world.handle.release(world.token).await.unwrap();
-    world.token = world
-        .handle
-        .acquire("short".into(), Duration::from_millis(200))
-        .await
-        .unwrap()
-        .fencing_token;
-    assert_eq!(
-        world.cell.drive(FORCEPS_FEED).state,
-        State::OperationEnabled,
-        "homing left it so"
-    );
-    for node_id in 1..=4 {
-        world
-            .cell
-            .until(node_id, |drive| drive.state == State::QuickStopActive)
-            .await;
-    }
-    assert_eq!(world.reason(MOVE_ROTATION).await, "LEASE_EXPIRED");
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lost_heartbeat_stops_the_others_and_stays_until_it_is_recovered() {
-    let mut world = World::homed().await;
-    let mut ticket = world.long_move().await;
-    world
-        .cell
-        .change(FORCEPS_ROTATION, |drive| drive.dead = true);
-    world.cell.set_micros_per_request(1000);
-    let ended = ticket.ended().await.unwrap().operation;
-    assert_eq!(
-        (ended.state, &*ended.reason),
-        (OperationState::Failed, "HEARTBEAT_LOST")
-    );
-    world
-        .cell
-        .until(FORCEPS_FEED, |drive| drive.state == State::QuickStopActive)
-        .await;
-    world
-        .until(|state| state.axes[0].readiness != Readiness::Ready)
-        .await;
-    world
-        .cell
-        .change(FORCEPS_ROTATION, |drive| drive.dead = false);
-    world
-        .until(|state| state.axes[0].readiness == Readiness::Ready)
-        .await;
-    assert_eq!(
-        world.fault(Axis::ForcepsRotation),
-        "HEARTBEAT_LOST",
-        "it does not go by itself"
-    );
-    assert_eq!(world.reason(MOVE_ROTATION).await, "AXIS_FAULTED");
-    let recovered = world.run(Command::Recover(Axis::ALL.to_vec())).await;
-    assert_eq!(recovered.operation.state, OperationState::Done);
-    assert_eq!(
-        world.run(MOVE_ROTATION).await.operation.state,
-        OperationState::Done
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_emergency_is_latched_and_a_fault_that_persists_is_not_recovered() {
-    let mut world = World::homed().await;
-    world.cell.fault(FORCEPS_FEED, 0x2310);
-    world.until(|state| state.axes[1].fault.is_some()).await;
-    assert_eq!(world.fault(Axis::ForcepsFeed), "OVERCURRENT");
-    world
-        .cell
-        .until(FORCEPS_ROTATION, |drive| {
-            drive.state == State::QuickStopActive
-        })
-        .await;
-    world
-        .handle
-        .stop("wait until the quick stop is over".into())
-        .await
-        .unwrap();
-    world
-        .cell
-        .change(FORCEPS_FEED, |drive| drive.fault_persists = true);
-    let failed = world.run(Command::Recover(vec![Axis::ForcepsFeed])).await;
-    assert_eq!(failed.operation.reason, "OVERCURRENT");
-    assert_eq!(world.fault(Axis::ForcepsFeed), "OVERCURRENT");
-    world
-        .cell
-        .change(FORCEPS_FEED, |drive| drive.fault_persists = false);
-    let recovered = world.run(Command::Recover(vec![Axis::ForcepsFeed])).await;
-    assert_eq!(recovered.operation.state, OperationState::Done);
-    assert_eq!(
-        world.cell.drive(FORCEPS_FEED).state,
-        State::SwitchOnDisabled,
-        "nothing is switched on by that"
-    );
-    assert_eq!(
-        world.feed_to(1.0).await.operation.state,
-        OperationState::Done
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_drive_that_restarts_has_a_fault_and_no_reference() {
-    let mut world = World::homed().await;
-    let mut ticket = world.long_move().await;
-    world.cell.restart(FORCEPS_FEED);
-    world.cell.set_micros_per_request(1000);
-    assert_eq!(
-        ticket.ended().await.unwrap().operation.reason,
-        "UNEXPECTED_BOOT_UP"
-    );
-    world
-        .until(|state| state.axes[1].readiness == Readiness::Ready)
-        .await;
-    world
-        .handle
-        .stop("wait until the quick stop is over".into())
-        .await
-        .unwrap();
-    assert_eq!(world.reason(Command::OpenJaw).await, "AXIS_FAULTED");
-    world.run(Command::Recover(vec![Axis::ForcepsFeed])).await;
-    assert_eq!(world.reason(Command::OpenJaw).await, "NOT_HOMED");
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_statusword_that_no_standard_knows_is_a_fault() {
-    let mut world = World::homed().await;
-    let mut ticket = world.long_move().await;
-    world
-        .cell
-        .change(FORCEPS_FEED, |drive| drive.statusword = Some(0x006F));
-    assert_eq!(
-        ticket.ended().await.unwrap().operation.reason,
-        "UNKNOWN_STATUSWORD"
-    );
-    assert_eq!(world.fault(Axis::ForcepsFeed), "UNKNOWN_STATUSWORD");
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_empty_jaw_closes_to_its_position() {
-    let mut world = World::homed().await;
-    let report = world
-        .run(Command::Bite {
-            current_limit_ma: 500.0,
-        })
-        .await;
-    let end = report.bite.unwrap();
-    assert_eq!((end.jaw, end.peak_current_ma), (Jaw::ClosedEmpty, 40.0));
-    assert!((end.position_mm - 10.0).abs() < 0.02);
-    assert_eq!(world.handle.snapshot().jaw, Jaw::ClosedEmpty);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn tissue_that_stops_the_jaw_ends_the_bite_at_the_current_limit_and_the_jaw_opens_again() {
-    let mut world = World::homed().await;
-    world.cell.change(FORCEPS_FEED, |drive| {
-        drive.obstacle_qc = Some(6.0 * QC_PER_MM)
-    });
-    let report = world
-        .run(Command::Bite {
-            current_limit_ma: 300.0,
-        })
-        .await;
-    let end = report.bite.unwrap();
-    assert_eq!((end.jaw, end.peak_current_ma), (Jaw::ClosedOnTissue, 300.0));
-    assert!((end.position_mm - 6.0).abs() < 0.01);
-    assert_eq!(
-        report.operation.detail,
-        "closed at 6.000 mm with a peak of 300 mA"
-    );
-    let opened = world.run(Command::OpenJaw).await;
-    assert_eq!(opened.operation.state, OperationState::Done, "{opened:?}");
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Open);
-    let drive = world.cell.drive(FORCEPS_FEED);
-    assert_eq!(
-        drive.get(objects::FOLLOWING_ERROR_WINDOW),
-        2_150,
-        "the window is that of moves again"
-    );
-    assert_eq!(drive.get(objects::OUTPUT_CURRENT_LIMIT), 800);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_that_is_stopped_leaves_the_jaw_unknown() {
-    let mut world = World::homed().await;
-    // The bite shall not end before it is stopped.
-    world.cell.set_micros_per_request(1);
-    let mut ticket = world
-        .begin(Command::Bite {
-            current_limit_ma: 500.0,
-        })
-        .await
-        .unwrap();
-    world
-        .cell
-        .until(FORCEPS_FEED, |drive| !drive.targets_qc.is_empty())
-        .await;
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Moving);
-    world.handle.stop("doubt".into()).await.unwrap();
-    assert_eq!(
-        ticket.ended().await.unwrap().operation.state,
-        OperationState::Stopped
-    );
-    assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn objects_are_read_and_written_but_none_that_moves_the_drive() {
-    let mut world = World::ready().await;
-    let torque_constant = Address::new(0x3001, 5);
-    let write = |address| Command::Write {
-        axis: Axis::ForcepsFeed,
-        address,
-        data: vec![1, 2, 0, 0],
-    };
-    let written = world.run(write(torque_constant)).await;
-    assert_eq!(written.operation.state, OperationState::Done);
-    assert_eq!(
-        world.handle.read(Axis::ForcepsFeed, torque_constant).await,
-        Ok(vec![1, 2, 0, 0])
-    );
-    assert_eq!(
-        world.reason(write(objects::CONTROLWORD.address)).await,
-        "OBJECT_RESERVED"
-    );
-    let refused = world
-        .handle
-        .read(Axis::ForcepsFeed, Address::new(0x6072, 0))
-        .await
-        .unwrap_err();
-    assert!(
-        matches!(&refused, Refusal::Object(error) if error.abort_code() == Some(AbortCode::NO_OBJECT))
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_silent_bus_is_a_fault_of_every_axis_and_stop_says_that_it_cannot() {
-    let world = World::homed().await;
-    for node_id in 1..=4 {
-        world.cell.change(node_id, |drive| drive.dead = true);
-    }
-    world
-        .until(|state| state.axes.iter().all(|axis| axis.fault.is_some()))
-        .await;
-    let refused = world.handle.stop("nobody hears".into()).await.unwrap_err();
-    assert!(matches!(refused, Refusal::StopNotConfirmed(_)), "{refused}");
-}
-
-#[tokio::test]
-async fn the_service_starts_without_a_bus_and_says_so() {
-    let unused = std::net::TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap();
-    let config = Config {
-        bus: format!("socketcand://{unused}/can0"),
-        ..Config::default()
-    };
-    let (drives, handle) = Drives::new(config.check().unwrap());
-    let owner = tokio::spawn(drives.run(Drain::never()));
-    let lease = handle
-        .acquire("test".into(), Duration::from_secs(60))
-        .await
-        .unwrap();
-    let authorization = Authorization {
-        fencing_token: lease.fencing_token,
-        operation_id: "home".into(),
-    };
-    let refused = handle
-        .command(authorization, Command::Home(vec![Axis::ForcepsFeed]))
-        .await
-        .unwrap_err();
-    assert!(matches!(refused, Refusal::AxisNotReady { .. }));
-    let status = tonic::Status::from(handle.stop("test".into()).await.unwrap_err());
-    assert_eq!(
-        arthro_bootstrap::status::reason(&status).as_deref(),
-        Some("STOP_NOT_CONFIRMED")
-    );
-    owner.abort();
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn bad_requests_name_field_value_and_limit() {
-    let mut world = World::homed().await;
-    let server = Instrument::new(world.handle.clone(), Drain::never());
-    let mut authorization = || {
-        let Authorization {
-            fencing_token,
-            operation_id,
-        } = world.authorization();
-        Some(arthro_proto::common::v1::Authorization {
-            fencing_token,
-            operation_id,
-        })
-    };
-    let feed = proto::Axis::ForcepsFeed as i32;
-    let cases = [
-        (
-            feed,
-            Some(Position::FeedMm(14.5)),
-            "target: 14.5 mm is outside the travel of forceps_feed, -1 to 14 mm",
-        ),
-        (
-            feed,
-            Some(Position::FeedMm(f64::NAN)),
-            "target: NaN is not a position of forceps_feed",
-        ),
-        (
-            feed,
-            Some(Position::AngleDeg(5.0)),
-            "target: is angle_deg; forceps_feed takes feed_mm",
-        ),
-        (feed, None, "target: is missing; forceps_feed takes feed_mm"),
-        (
-            9,
-            Some(Position::FeedMm(5.0)),
-            "axis: is 9; there are axes 1 to 4",
-        ),
-        (
-            3,
-            Some(Position::AngleDeg(-46.0)),
-            "target: -46 deg is outside the travel of arthroscope_rotation, -45 to 180 deg",
-        ),
-    ];
-    for (axis, value, message) in cases {
-        let target = Some(proto::AxisPosition { value });
-        let request = proto::MoveAxisRequest {
-            authorization: authorization(),
-            axis,
-            target,
-        };
-        let status = server
-            .move_axis(tonic::Request::new(request))
-            .await
-            .unwrap_err();
-        assert_eq!(
-            (status.code(), status.message()),
-            (Code::InvalidArgument, message)
-        );
-        assert_eq!(arthro_bootstrap::status::violations(&status).len(), 1);
-    }
-    let bite = proto::BiteRequest {
-        authorization: authorization(),
-        current_limit_ma: 501.0,
-    };
-    let status = server.bite(tonic::Request::new(bite)).await.unwrap_err();
-    assert_eq!(
-        status.message(),
-        "current_limit_ma: is 501; must be within 1 to 500, or 0 for 500"
-    );
-    let unauthorized = proto::OpenJawRequest {
-        authorization: None,
-    };
-    let status = server
-        .open_jaw(tonic::Request::new(unauthorized))
-        .await
-        .unwrap_err();
-    assert_eq!(
-        arthro_bootstrap::status::violations(&status)[0].0,
-        "authorization"
-    );
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
-    use tokio_stream::StreamExt as _;
-    let mut world = World::homed().await;
-    let server = Instrument::new(world.handle.clone(), Drain::never());
-    let Authorization {
-        fencing_token,
-        operation_id,
-    } = world.authorization();
-    let authorization = Some(arthro_proto::common::v1::Authorization {
-        fencing_token,
-        operation_id,
-    });
-    let request = proto::BiteRequest {
-        authorization,
-        current_limit_ma: 0.0,
-    };
-    for repeated in [false, true] {
-        let stream = server
-            .bite(tonic::Request::new(request.clone()))
-            .await
-            .unwrap()
-            .into_inner();
-        let messages: Vec<_> = stream.map(Result::unwrap).collect().await;
-        let last = messages.last().unwrap();
-        let operation = last.operation.as_ref().unwrap();
-        assert_eq!(operation.repeated, repeated);
-        assert_eq!(
-            operation.state(),
-            arthro_proto::common::v1::OperationState::Done
-        );
-        assert_eq!(
-            (last.jaw(), last.peak_current_ma),
-            (proto::JawState::ClosedEmpty, 40.0)
-        );
-        assert!(!last.state.as_ref().unwrap().moving);
-    }
-    assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
-}

@@ -1,18 +1,15 @@
-//! Between the messages of the proto and the words of the domain.
+//! Requests of the proto as words of the domain, each value checked.
 
-use arthro_authority::{Lease, OperationState};
 use arthro_proto::common::v1 as common;
 use arthro_proto::instrument::v1 as proto;
 use arthro_proto::instrument::v1::axis_position::Value;
 use epos4_link::canopen::object::Address;
 
 use super::field_of;
-use crate::axis::{Axis, AxisSpec, Unit};
-use crate::bite::Jaw;
-use crate::drives::{Authorization, AxisState, Readiness, Report, Snapshot};
+use crate::axis::{Axis, Unit};
+use crate::bite::BiteSpec;
+use crate::drives::Authorization;
 use crate::error::Refusal;
-
-// === into the domain ===
 
 pub(super) fn authorization(
     given: Option<common::Authorization>,
@@ -85,6 +82,48 @@ fn wrong_unit(axis: Axis, unit: Unit, given: &str) -> Refusal {
     )
 }
 
+/// The current that limits a bite, asked for as a current or as a force. A limit below contact would feel nothing.
+pub(super) fn bite_limit_ma(
+    bite: &BiteSpec,
+    current_limit_ma: f64,
+    force_limit_n: f64,
+) -> Result<f64, Refusal> {
+    let (lowest_ma, highest_ma) = (bite.contact.current_ma, bite.current_limit_ma);
+    if force_limit_n == 0.0 {
+        let field = "current_limit_ma";
+        return optional_within(field, current_limit_ma, lowest_ma, highest_ma, highest_ma);
+    }
+    let field = "force_limit_n";
+    if current_limit_ma != 0.0 {
+        let problem = format!(
+            "is {force_limit_n} and current_limit_ma is {current_limit_ma}; a bite has one limit"
+        );
+        return Err(invalid(field, problem));
+    }
+    let Some(table) = &bite.force else {
+        let problem = format!(
+            "is {force_limit_n}, but no force was calibrated (instrument.bite.force_table); give current_limit_ma"
+        );
+        return Err(invalid(field, problem));
+    };
+    let current_ma = table
+        .current_ma(force_limit_n)
+        .map_err(|outside| invalid(field, format!("is refused: {outside}")))?;
+    if (lowest_ma..=highest_ma).contains(&current_ma) {
+        return Ok(current_ma);
+    }
+    Err(invalid(
+        field,
+        format!(
+            "is {force_limit_n} N, {current_ma:.0} mA; must be within {lowest_ma} to {highest_ma} mA{}",
+            match (table.force_n(lowest_ma), table.force_n(highest_ma)) {
+                (Some(lowest_n), Some(highest_n)) => format!(", {lowest_n:.1} to {highest_n:.1} N"),
+                _ => String::new(),
+            }
+        ),
+    ))
+}
+
 pub(super) fn object_address(index: u32, subindex: u32) -> Result<Address, Refusal> {
     let index = u16::try_from(index)
         .ok()
@@ -125,111 +164,4 @@ fn invalid(field: &'static str, problem: impl Into<String>) -> Refusal {
         field,
         problem: problem.into(),
     }
-}
-
-// === out of the domain ===
-
-pub(super) fn lease(lease: &Lease) -> common::Lease {
-    common::Lease {
-        fencing_token: lease.fencing_token,
-        holder: lease.holder.clone(),
-        ttl_s: lease.ttl.as_secs_f64(),
-    }
-}
-
-pub(super) fn operation(report: &Report, repeated: bool) -> common::Operation {
-    let operation = &report.operation;
-    let state = match operation.state {
-        OperationState::Running => common::OperationState::Running,
-        OperationState::Done => common::OperationState::Done,
-        OperationState::Failed => common::OperationState::Failed,
-        OperationState::Stopped => common::OperationState::Stopped,
-        OperationState::InDoubt => common::OperationState::InDoubt,
-    };
-    common::Operation {
-        operation_id: operation.id.clone(),
-        state: state.into(),
-        reason: operation.reason.clone(),
-        detail: operation.detail.clone(),
-        repeated,
-    }
-}
-
-pub(super) fn jaw(jaw: Jaw) -> proto::JawState {
-    match jaw {
-        Jaw::Open => proto::JawState::Open,
-        Jaw::Moving => proto::JawState::Moving,
-        Jaw::ClosedEmpty => proto::JawState::ClosedEmpty,
-        Jaw::ClosedOnTissue => proto::JawState::ClosedOnTissue,
-        Jaw::Unknown => proto::JawState::Unknown,
-    }
-}
-
-pub(super) fn state(snapshot: &Snapshot) -> proto::WatchStateResponse {
-    proto::WatchStateResponse {
-        axes: Axis::ALL
-            .into_iter()
-            .map(|axis| axis_state(axis, snapshot))
-            .collect(),
-        jaw: jaw(snapshot.jaw).into(),
-    }
-}
-
-pub(super) fn axis_state(axis: Axis, snapshot: &Snapshot) -> proto::AxisState {
-    let state = &snapshot.axes[axis.index()];
-    let sample = state.sample;
-    let drive_state = sample.and_then(|sample| sample.statusword.state());
-    let (fault_reason, fault_detail) = match (&state.fault, &state.readiness) {
-        (Some(fault), _) => (fault.reason.to_owned(), fault.detail.clone()),
-        (None, Readiness::NotReady(why)) => ("AXIS_NOT_READY".to_owned(), why.clone()),
-        (None, Readiness::Ready) => Default::default(),
-    };
-    proto::AxisState {
-        axis: axis_number(axis),
-        position: sample.map(|sample| position(axis, sample.position)),
-        statusword: sample.map_or(0, |sample| sample.statusword.0.into()),
-        drive_state: drive_state.map_or_else(|| "UNKNOWN".to_owned(), |state| state.to_string()),
-        nmt_state: state
-            .nmt_state
-            .map_or_else(|| "UNKNOWN".to_owned(), |state| state.to_string()),
-        current_ma: sample.map_or(0.0, |sample| sample.current_ma),
-        homed: state.is_homed(),
-        moving: state.moving,
-        fault_reason,
-        fault_detail,
-        operation_id: state.operation_id.clone().unwrap_or_default(),
-    }
-}
-
-pub(super) fn description(spec: &AxisSpec, state: &AxisState) -> proto::AxisDescription {
-    let identity = state.identity.unwrap_or_default();
-    proto::AxisDescription {
-        axis: axis_number(spec.axis),
-        node_id: spec.node_id.into(),
-        vendor_id: identity.vendor_id,
-        product_code: identity.product_code,
-        revision: identity.revision,
-        serial_number: identity.serial_number,
-        lowest: Some(position(spec.axis, spec.travel.lowest)),
-        highest: Some(position(spec.axis, spec.travel.highest)),
-        quadcounts_per_unit: spec.drivetrain.quadcounts_per_unit(),
-    }
-}
-
-fn position(axis: Axis, value: f64) -> proto::AxisPosition {
-    let value = match axis.unit() {
-        Unit::Degree => Value::AngleDeg(value),
-        Unit::Millimetre => Value::FeedMm(value),
-    };
-    proto::AxisPosition { value: Some(value) }
-}
-
-fn axis_number(axis: Axis) -> i32 {
-    let axis = match axis {
-        Axis::ForcepsRotation => proto::Axis::ForcepsRotation,
-        Axis::ForcepsFeed => proto::Axis::ForcepsFeed,
-        Axis::ArthroscopeRotation => proto::Axis::ArthroscopeRotation,
-        Axis::ArthroscopeFeed => proto::Axis::ArthroscopeFeed,
-    };
-    axis.into()
 }

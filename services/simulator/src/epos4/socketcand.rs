@@ -5,7 +5,9 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 use epos4_link::bus::CanBus;
-use epos4_link::bus::socketcand::server::{self, Buses, Gone, Server};
+use epos4_link::bus::socketcand::server::{self, Buses, Gone};
+
+pub use epos4_link::bus::socketcand::server::Server;
 
 use super::bus::Bus;
 

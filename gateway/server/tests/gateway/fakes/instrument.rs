@@ -74,6 +74,7 @@ impl InstrumentService for FakeInstrument {
                 ..AxisState::default()
             }],
             jaw: JawState::Open.into(),
+            bus: None,
         };
         Ok(Response::new(Box::pin(tokio_stream::once(Ok(state)))))
     }
@@ -168,6 +169,7 @@ impl InstrumentService for FakeInstrument {
                 state: None,
                 jaw: jaw.into(),
                 peak_current_ma: 420.0,
+                ..BiteResponse::default()
             };
             let running = message(OperationState::Running, JawState::Moving);
             answers.send(Ok(running)).await.ok();
@@ -219,6 +221,18 @@ impl InstrumentService for FakeInstrument {
             )
             .await?;
         Ok(Response::new(RecoverFaultResponse {}))
+    }
+
+    type CommissionSwitchesStream = Answers<CommissionSwitchesResponse>;
+    async fn commission_switches(
+        &self,
+        _: Request<CommissionSwitchesRequest>,
+    ) -> Result<Response<Self::CommissionSwitchesStream>, Status> {
+        Err(status::refused(
+            "UNEXPECTED",
+            "the gateway commissions no switches",
+            &[],
+        ))
     }
 
     async fn read_object(

@@ -13,6 +13,7 @@ use std::task::{Context, Poll, ready};
 use std::time::{Duration, SystemTime};
 
 use socketcan::{CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket, SocketOptions};
+use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::time::{Instant, Sleep, sleep};
 
@@ -84,7 +85,8 @@ pub fn open(interface: &str) -> Result<Interface, Error> {
     reason = "the other way is unsafe, and this type needs none of it"
 )]
 fn watch(socket: CanSocket) -> io::Result<AsyncFd<CanSocket>> {
-    AsyncFd::new(socket)
+    // Not for room to send: the kernel would wake us for every frame that is on its way.
+    AsyncFd::with_interest(socket, Interest::READABLE | Interest::ERROR)
 }
 
 impl Interface {
@@ -134,6 +136,22 @@ impl Interface {
         }
     }
 
+    /// An interface that goes down or away has nothing to read: epoll tells an error alone, which counts as the end of
+    /// writing.
+    fn poll_error(&self, context: &mut Context<'_>) -> Poll<Error> {
+        loop {
+            let ended = ready!(self.socket.poll_write_ready(context));
+            let mut ended = match ended {
+                Ok(ended) => ended,
+                Err(error) => return Poll::Ready(self.closed(&error)),
+            };
+            match self.socket.get_ref().as_raw_socket().take_error() {
+                Ok(None) => ended.clear_ready(),
+                Ok(Some(error)) | Err(error) => return Poll::Ready(self.closed(&error)),
+            }
+        }
+    }
+
     fn closed(&self, error: &io::Error) -> Error {
         Error::Closed(format!("{}: {}", self.name, detail(error)))
     }
@@ -164,8 +182,11 @@ impl CanBus for Interface {
         }
         // What was received comes first: it may tell why nothing can be sent.
         let received = match self.poll_frame(context) {
-            Poll::Pending => Err(ready!(self.poll_unsent(context))),
             Poll::Ready(received) => received,
+            Poll::Pending => match self.poll_error(context) {
+                Poll::Ready(error) => Err(error),
+                Poll::Pending => Err(ready!(self.poll_unsent(context))),
+            },
         };
         if let Err(error) = &received {
             self.ended = Some(error.clone());

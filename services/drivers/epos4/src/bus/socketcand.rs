@@ -228,6 +228,86 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn answers_may_be_cut_at_every_byte() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = listener.local_addr().unwrap().port();
+        tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            stream.set_nodelay(true).unwrap();
+            for (request, answer) in [
+                ("", "< hi >"),
+                ("< open can0 >", "< ok >"),
+                ("< rawmode >", "< ok >< frame 701 1.500000 05 >"),
+            ] {
+                stream
+                    .read_exact(&mut vec![0; request.len()])
+                    .await
+                    .unwrap();
+                for byte in answer.as_bytes().chunks(1) {
+                    stream.write_all(byte).await.unwrap();
+                    tokio::task::yield_now().await;
+                }
+            }
+        });
+        let mut bus: Box<dyn CanBus> = Box::new(open("127.0.0.1", port, "can0").await.unwrap());
+        assert_eq!(bus.receive().await.unwrap().frame.cob_id(), Some(0x701));
+    }
+
+    #[tokio::test]
+    async fn frames_wait_for_a_server_that_does_not_read_up_to_a_bound() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let (all_sent, awaited) = tokio::sync::oneshot::channel::<usize>();
+        let server = tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            stream.write_all(b"< hi >").await.unwrap();
+            for request in ["< open can0 >", "< rawmode >"] {
+                stream
+                    .read_exact(&mut vec![0; request.len()])
+                    .await
+                    .unwrap();
+                stream.write_all(b"< ok >").await.unwrap();
+            }
+            let frames = awaited.await.unwrap();
+            let mut text = vec![0; frames * "< send 080 0  >".len()];
+            stream.read_exact(&mut text).await.unwrap();
+            stream.write_all(b"< frame 701 1.5 05 >").await.unwrap();
+            text
+        });
+        let mut client = open("127.0.0.1", port, "can0").await.unwrap();
+        let mut frames = 0;
+        loop {
+            match client.send(Frame::standard(0x080, [])) {
+                Ok(()) => frames += 1,
+                Err(error) => {
+                    assert_eq!(error, Error::QueueFull);
+                    break;
+                }
+            }
+            assert!(frames < 50_000_000);
+        }
+        all_sent.send(frames).unwrap();
+        let mut bus: Box<dyn CanBus> = Box::new(client);
+        assert_eq!(bus.receive().await.unwrap().frame.cob_id(), Some(0x701));
+        let text = server.await.unwrap();
+        assert_eq!(text, b"< send 080 0  >".repeat(frames));
+    }
+
+    #[tokio::test]
+    async fn a_report_is_received_and_not_sent() {
+        let (port, _) = serve(&[
+            ("", "< hi >"),
+            ("< open can0 >", "< ok >"),
+            ("< rawmode >", "< ok >< error 040 2.5 >"),
+        ])
+        .await;
+        let mut bus: Box<dyn CanBus> = Box::new(open("127.0.0.1", port, "can0").await.unwrap());
+        let report = bus.receive().await.unwrap().frame;
+        assert_eq!(report.id(), Id::Error(Id::ERROR_BUS_OFF));
+        assert_eq!(bus.send(report), Err(Error::NotSendable(report)));
+    }
+
+    #[tokio::test]
     async fn a_refused_bus_is_told_with_the_servers_words() {
         let (port, _) = serve(&[
             ("", "< hi >"),

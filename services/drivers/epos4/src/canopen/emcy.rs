@@ -1,6 +1,10 @@
 //! Emergency messages: what a drive sends when an error appears or goes (CiA 301, 7.2.7), with the EPOS4's texts.
 
+mod facts;
+
 use crate::frame::Frame;
+
+pub use self::facts::FACTS;
 
 /// COB-ID of a node's emergencies.
 pub const fn cob_id(node_id: u8) -> u16 {
@@ -58,56 +62,59 @@ impl Emergency {
     }
 }
 
+/// What is known of one error code, or of a run of codes that mean the same.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Fact {
+    /// The first code.
+    pub first: u16,
+    /// The last code; the same as the first for a single one.
+    pub last: u16,
+    /// What it means, lowercase.
+    pub text: &'static str,
+    /// The bit that it sets in the error register, object 0x1001.
+    pub register: u8,
+    /// What the drive does.
+    pub reaction: Reaction,
+    /// Whether the position does not refer to the home point any more once the error has been acknowledged.
+    pub clears_reference: bool,
+    /// What a person does about it, before the fault is recovered.
+    pub response: &'static str,
+}
+
+/// What a drive does when an error appears.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Reaction {
+    /// Power off at once.
+    Disable,
+    /// By the fault reaction option code, object 0x605E.
+    FaultOption,
+    /// By the abort connection option code, object 0x6007.
+    AbortConnection,
+}
+
+/// What a person does about an error that no table has.
+const UNKNOWN_RESPONSE: &str = "Write the code down, switch the drive off and on, home the axis again; if the error returns, have the drive checked.";
+
+/// What is known of a code; `None` for a code that no table has.
+pub fn fact(code: u16) -> Option<&'static Fact> {
+    FACTS
+        .iter()
+        .find(|fact| (fact.first..=fact.last).contains(&code))
+}
+
 /// What an EPOS4 error code means.
-pub const fn text(code: u16) -> &'static str {
+pub fn text(code: u16) -> &'static str {
     match code {
-        0x0000 => "no error",
-        0x1000 => "generic error",
-        0x1080..=0x1083 => "generic initialization error",
-        0x1090 => "firmware incompatibility",
-        0x2310 => "overcurrent",
-        0x2320 => "power stage protection",
-        0x3210 => "overvoltage",
-        0x3220 => "undervoltage",
-        0x4210 => "thermal overload of the power stage",
-        0x4380 => "thermal overload of the motor",
-        0x5113 => "logic supply voltage too low",
-        0x5280 | 0x5281 => "hardware defect",
-        0x5480..=0x5483 => "hardware error",
-        0x6080 => "sign of life",
-        0x6081 => "extension 1 watchdog",
-        0x6180..=0x6190 => "internal software error",
-        0x6320 => "software parameter error",
-        0x6380 => "persistent parameter corrupt",
-        0x7320 => "position sensor error",
-        0x7380 => "position sensor breach",
-        0x7381 => "position sensor resolution error",
-        0x7382 => "position sensor index error",
-        0x7388..=0x738A => "hall sensor error",
-        0x738C => "ssi sensor error",
-        0x7390 => "missing main sensor",
-        0x7391 => "missing commutation sensor",
-        0x7392 => "main sensor direction error",
-        0x8110 | 0x8111 => "can overrun",
-        0x8120 => "can passive mode",
-        0x8130 => "can heartbeat error",
-        0x8150 => "can pdo cob-id collision",
-        0x81FD => "can bus turned off",
-        0x81FE => "can receive queue overflow",
-        0x81FF => "can transmit queue overflow",
-        0x8210 => "can pdo length error",
-        0x8250 => "rpdo timeout",
-        0x8611 => "following error",
-        0x8A80 => "negative limit switch",
-        0x8A81 => "positive limit switch",
-        0x8A82 => "software position limit",
-        0x8A88 => "safe torque off",
-        0xFF01 => "system overload",
-        0xFF02 => "watchdog",
-        0xFF0B => "system peak overload",
-        0xFF10 => "controller gain error",
-        0xFF12..=0xFF21 => "auto tuning error",
-        _ => "unknown error",
+        Emergency::RESET => "no error",
+        code => fact(code).map_or("unknown error", |fact| fact.text),
+    }
+}
+
+/// What a person does about an error.
+pub fn response(code: u16) -> &'static str {
+    match code {
+        Emergency::RESET => "Nothing is to be done.",
+        code => fact(code).map_or(UNKNOWN_RESPONSE, |fact| fact.response),
     }
 }
 
@@ -133,5 +140,34 @@ mod tests {
     #[test]
     fn a_sync_is_no_emergency() {
         assert_eq!(Emergency::decode(&Frame::standard(0x080, [0; 8])), None);
+    }
+
+    #[test]
+    fn codes_stand_in_one_row_each_and_tell_a_person_what_to_do() {
+        for pair in FACTS.windows(2) {
+            assert!(pair[0].last < pair[1].first, "{:04X}", pair[1].first);
+        }
+        for fact in FACTS {
+            assert!(fact.first <= fact.last && fact.register.count_ones() == 1);
+            assert!(fact.response.ends_with('.'), "{:04X}", fact.first);
+        }
+        assert_eq!(text(0x8611), "following error");
+        assert_eq!(text(0x1234), "unknown error");
+        assert_eq!(response(0x1234), UNKNOWN_RESPONSE);
+        assert_eq!(
+            fact(0x8130).map(|fact| fact.reaction),
+            Some(Reaction::AbortConnection)
+        );
+    }
+
+    #[test]
+    fn a_sensor_that_cannot_be_trusted_costs_the_reference() {
+        let clearing = [
+            0x7380, 0x7381, 0x7382, 0x7388, 0x7389, 0x738A, 0x7392, 0xFF02,
+        ];
+        for code in 1..=u16::MAX {
+            let clears = fact(code).is_some_and(|fact| fact.clears_reference);
+            assert_eq!(clears, clearing.contains(&code), "{code:04X}");
+        }
     }
 }

@@ -22,6 +22,18 @@ pub enum Command {
     ResetCommunication,
 }
 
+impl Command {
+    /// What the node tells when it has obeyed.
+    pub const fn outcome(self) -> State {
+        match self {
+            Self::Start => State::Operational,
+            Self::Stop => State::Stopped,
+            Self::EnterPreOperational => State::PreOperational,
+            Self::ResetNode | Self::ResetCommunication => State::BootUp,
+        }
+    }
+}
+
 /// Whom a command is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Target {

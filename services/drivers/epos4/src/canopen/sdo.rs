@@ -1,8 +1,8 @@
 //! SDO, the confirmed read and write of one object (CiA 301, 7.2.4): the eight bytes of every expedited and segmented
 //! service, and on top of them a [`client`] and a [`server`] that do no I/O.
 //!
-//! Uploads read from the drive, downloads write to it. Block transfer is not spoken; a drive answers it with
-//! [`AbortCode::UNKNOWN_COMMAND`].
+//! Uploads read from the drive, downloads write to it. The client speaks block transfer too, for drives that have it; the
+//! server answers it with [`AbortCode::UNKNOWN_COMMAND`], at which a client goes on in segments.
 
 pub mod abort;
 pub mod client;
@@ -26,6 +26,14 @@ pub const fn response_cob_id(node_id: u8) -> u16 {
 pub const fn responding_node(cob_id: u16) -> Option<u8> {
     match cob_id {
         0x581..=0x5FF => Some((cob_id - 0x580) as u8),
+        _ => None,
+    }
+}
+
+/// The node whose requests have this COB-ID.
+pub const fn requested_node(cob_id: u16) -> Option<u8> {
+    match cob_id {
+        0x601..=0x67F => Some((cob_id - 0x600) as u8),
         _ => None,
     }
 }

@@ -76,3 +76,80 @@ fn a_fault_reset_is_an_edge() {
         Command::DisableVoltage
     );
 }
+
+/// What a drive makes of an order (CiA 402, 6.2, without the transitions that it makes by itself).
+fn obeyed(state: State, command: Command) -> State {
+    match (state, command) {
+        (State::Fault, _) => State::Fault,
+        (_, Command::DisableVoltage) => State::SwitchOnDisabled,
+        (State::OperationEnabled, Command::QuickStop) => State::QuickStopActive,
+        (
+            State::SwitchOnDisabled | State::SwitchedOn | State::OperationEnabled,
+            Command::Shutdown,
+        ) => State::ReadyToSwitchOn,
+        (State::ReadyToSwitchOn, Command::SwitchOn) => State::SwitchedOn,
+        (State::OperationEnabled, Command::DisableOperation) => State::SwitchedOn,
+        (State::SwitchedOn | State::QuickStopActive, Command::EnableOperation) => {
+            State::OperationEnabled
+        }
+        (state, _) => state,
+    }
+}
+
+#[test]
+fn every_state_is_reached_from_every_other_by_a_few_orders() {
+    let reachable = [
+        State::SwitchOnDisabled,
+        State::ReadyToSwitchOn,
+        State::SwitchedOn,
+        State::OperationEnabled,
+        State::QuickStopActive,
+    ];
+    for from in reachable {
+        for wanted in reachable {
+            let mut state = from;
+            let mut orders = 0;
+            while let Some(command) = towards(state, wanted) {
+                state = obeyed(state, command);
+                orders += 1;
+                assert!(orders < 6, "{from} to {wanted} stands at {state}");
+            }
+            assert_eq!(state, wanted, "from {from}");
+        }
+        assert_eq!(towards(from, State::Fault), None);
+    }
+}
+
+#[test]
+fn the_bits_of_each_mode_are_read_as_that_mode_means_them() {
+    let word = Statusword(0x1427);
+    assert_eq!(homing::View::from(word), homing::View::Attained);
+    assert_eq!(
+        homing::View::from(Statusword(0x0027)),
+        homing::View::UnderWay
+    );
+    assert_eq!(
+        homing::View::from(Statusword(0x0427)),
+        homing::View::Interrupted
+    );
+    assert_eq!(homing::View::from(Statusword(0x2427)), homing::View::Error);
+    assert!(profile_position::View::from(word).setpoint_acknowledged);
+    assert!(profile_velocity::View::from(word).speed_zero);
+    assert!(cyclic::View::from(word).follows);
+    assert!(!cyclic::View::from(word).following_error);
+    assert_eq!(
+        profile_position::start(profile_position::CHANGE_IMMEDIATELY),
+        0x003F
+    );
+    assert_eq!(homing::start(), 0x001F);
+}
+
+#[test]
+fn modes_are_those_of_object_6502() {
+    let supported = Mode::ALL
+        .iter()
+        .fold(0_u32, |bits, mode| bits | 1 << (mode.code() - 1));
+    assert_eq!(supported, 0x03A5);
+    assert_eq!(Mode::from_code(8), Some(Mode::CyclicPosition));
+    assert_eq!(Mode::from_code(2), None);
+}

@@ -1,6 +1,6 @@
 use super::*;
 use crate::canopen::object::Address;
-use crate::dictionary::{Kind, entry};
+use crate::dictionary::{Access, Kind, Mapping, entry};
 
 /// The lines of one section.
 fn section(file: &str, name: &str) -> Vec<String> {
@@ -132,4 +132,72 @@ fn lines_are_short_ascii_with_carriage_return() {
         entry(Address::new(0x1008, 0)).map(|entry| entry.kind),
         Some(Kind::Text("EPOS4"))
     ));
+}
+
+/// A number as CiA 306-1 writes it, with the node id added where it is asked for.
+fn parsed(text: &str, node_id: i64) -> i64 {
+    let (offset, digits) = match text.strip_prefix("$NODEID+") {
+        Some(digits) => (node_id, digits),
+        None => (0, text),
+    };
+    let number = match digits.strip_prefix("0x") {
+        Some(hex) => i64::from_str_radix(hex, 16),
+        None => digits.parse(),
+    };
+    number.expect("a number") + offset
+}
+
+#[test]
+fn what_is_read_back_is_the_table() {
+    let file = write(None);
+    for described in entries() {
+        let Address { index, subindex } = described.address;
+        let member = format!("{index:04X}sub{subindex:X}");
+        let name = if section(&file, &member).is_empty() {
+            format!("{index:04X}")
+        } else {
+            member
+        };
+        let stated = |key| value(&file, &name, key);
+        let kind = match stated("DataType").as_deref() {
+            Some("0x0002") => Kind::I8,
+            Some("0x0003") => Kind::I16,
+            Some("0x0004") => Kind::I32,
+            Some("0x0005") => Kind::U8,
+            Some("0x0006") => Kind::U16,
+            Some("0x0007") => Kind::U32,
+            Some("0x0009") => Kind::Text("EPOS4"),
+            other => panic!("{name}: {other:?}"),
+        };
+        assert_eq!(kind, described.kind, "{name}");
+        let access = stated("AccessType").unwrap_or_default();
+        let is_writable = described.access != Access::ReadOnly;
+        assert_eq!(access.starts_with("rw"), is_writable, "{name}");
+        assert_eq!(
+            access == "rww",
+            is_writable && described.mapping == Mapping::Receive,
+            "{name}"
+        );
+        let mappable = stated("PDOMapping").map(|text| text == "1");
+        assert_eq!(mappable, Some(described.mapping != Mapping::No), "{name}");
+        if let Kind::Text(_) = kind {
+            continue;
+        }
+        let default = stated("DefaultValue").map(|text| parsed(&text, 5));
+        assert_eq!(default, Some(described.factory_value(5)), "{name}");
+        let limit = |key, of_type| stated(key).map_or(of_type, |text| parsed(&text, 0));
+        let (low, high) = (
+            limit("LowLimit", kind.range().0),
+            limit("HighLimit", kind.range().1),
+        );
+        if is_writable {
+            assert!(
+                described.legal.allows(low) && described.legal.allows(high),
+                "{name}"
+            );
+            for beyond in [low - 1, high + 1] {
+                assert!(!described.legal.allows(beyond), "{name}: {beyond}");
+            }
+        }
+    }
 }

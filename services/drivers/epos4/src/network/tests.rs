@@ -1,11 +1,17 @@
+mod fuzz;
+mod masters;
+mod process_data;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
 use crate::bus::in_process;
-use crate::canopen::object::Object;
+use crate::canopen::object::{Address, Object};
+use crate::canopen::sdo::AbortCode;
 use crate::canopen::sdo::server::{Dictionary, Length, Server};
+use crate::frame::Id;
 use crate::objects;
 
 /// A network with one node that has a few objects.
@@ -23,8 +29,9 @@ struct Drive {
     seen: Vec<sdo::Request>,
 }
 
+/// The objects, and one that keeps a value of its own whatever is written.
 #[derive(Default)]
-struct Memory(BTreeMap<Address, Vec<u8>>);
+struct Memory(BTreeMap<Address, Vec<u8>>, Option<(Address, Vec<u8>)>);
 
 impl Dictionary for Memory {
     fn read(&mut self, address: Address) -> Result<Vec<u8>, AbortCode> {
@@ -32,19 +39,28 @@ impl Dictionary for Memory {
     }
 
     fn write(&mut self, address: Address, data: &[u8], _: Length) -> Result<(), AbortCode> {
-        self.0.insert(address, data.to_vec());
+        let kept = self.1.clone().filter(|(kept, _)| *kept == address);
+        let data = kept.map_or_else(|| data.to_vec(), |(_, value)| value);
+        self.0.insert(address, data);
         Ok(())
     }
 }
 
 impl World {
     fn new() -> Self {
+        Self::with_options(Options {
+            sdo_timeout: Duration::from_millis(100),
+            ..Options::default()
+        })
+    }
+
+    fn with_options(options: Options) -> Self {
         let micros = Arc::new(AtomicU64::new(0));
         let clock = micros.clone();
         let bus = in_process::Bus::new(move || {
             Duration::from_micros(clock.fetch_add(1000, Ordering::Relaxed))
         });
-        let (network, nodes) = Network::new(Box::new(bus.attach()), Duration::from_millis(100));
+        let (network, nodes) = Network::new(Box::new(bus.attach()), options);
         let mut memory = Memory::default();
         memory
             .0
@@ -215,7 +231,7 @@ async fn heartbeats_emergencies_and_bus_errors_are_reported() {
     assert_eq!(
         world.network.next_event().await,
         Ok(Event::BusError {
-            class: Id::ERROR_BUS_OFF
+            report: Report::decode(&bus_off).unwrap()
         })
     );
     assert_eq!(world.network.now(), Duration::from_millis(2));

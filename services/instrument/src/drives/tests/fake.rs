@@ -1,9 +1,9 @@
-//! Four small drives on a bus within the process. Their clock advances with every request that one of them answers, so
-//! that nothing depends on how fast the test runs.
+//! Four small drives on a bus within the process. Their clock runs ahead of real time, but never farther than a few
+//! heartbeats of the service that they have not heard, so that nothing depends on how fast the test runs.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use epos4_link::bus::{self, CanBus, in_process};
@@ -13,9 +13,15 @@ use epos4_link::canopen::sdo::server::{Dictionary, Length, Server};
 use epos4_link::canopen::sdo::{AbortCode, response_cob_id};
 use epos4_link::canopen::{heartbeat, nmt};
 use epos4_link::cia402::{Command, State, Statusword, homing, profile_position};
+use epos4_link::dictionary;
 use epos4_link::frame::Frame;
 use epos4_link::objects;
 use tokio::sync::watch;
+
+/// Where the blades touch, 10 mm.
+const CLOSED_QC: f64 = 215_040.0;
+/// Blade on blade, 2000 mA/mm.
+const MA_PER_QC: f64 = 2000.0 / 21_504.0;
 
 /// The bus with its drives. Clones are the same.
 #[derive(Clone)]
@@ -23,8 +29,17 @@ pub(super) struct FakeCell {
     bus: in_process::Bus,
     /// In the order of the node ids, from 1.
     pub(super) drives: watch::Sender<[Drive; 4]>,
-    micros_per_request: Arc<AtomicU64>,
+    micros_per_tick: Arc<AtomicU64>,
+    /// What others than drives sent.
+    pub(super) host_heartbeats: Arc<AtomicU64>,
+    pub(super) host_pdos: Arc<Mutex<Vec<Frame>>>,
 }
+
+/// The drives' time that a millisecond of real time takes.
+const MICROS_PER_TICK: u64 = 20_000;
+/// The drives' clock stands when the service's heartbeat is owed for this long.
+const OWED_HEARTBEAT_US: u64 = 200_000;
+const HOST: u8 = 127;
 
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
@@ -42,11 +57,17 @@ pub(super) struct Drive {
     pub(super) obstacle_qc: Option<f64>,
     /// What the motor draws while it moves, mA.
     pub(super) running_ma: i32,
+    /// The motor turns and the jaw does not close.
+    pub(super) belt_slips: bool,
     /// Neither answers nor sends.
     pub(super) dead: bool,
     /// Read instead of the true statusword.
     pub(super) statusword: Option<u16>,
     pub(super) fault_persists: bool,
+    /// Sends no process data.
+    pub(super) mute: bool,
+    /// What was sent last in TPDO 1 to 3, and when.
+    sent_pdos: [Option<(Vec<u8>, u64)>; 3],
     /// Controlwords in the order of their coming.
     pub(super) controlwords: Vec<u16>,
     /// Targets that were taken.
@@ -63,15 +84,27 @@ impl FakeCell {
         let cell = Self {
             bus,
             drives,
-            micros_per_request: Arc::new(AtomicU64::new(1000)),
+            micros_per_tick: Arc::new(AtomicU64::new(MICROS_PER_TICK)),
+            host_heartbeats: Arc::default(),
+            host_pdos: Arc::default(),
         };
         tokio::spawn(cell.clone().run(clock));
         cell
     }
 
-    /// How much of the drives' time a request takes: with 1 a motion all but stands.
-    pub(super) fn set_micros_per_request(&self, micros: u64) {
-        self.micros_per_request.store(micros, Ordering::Relaxed);
+    /// All but stops the drives' clock, and with it every motion.
+    pub(super) fn hold_time(&self) {
+        self.micros_per_tick.store(1, Ordering::Relaxed);
+    }
+
+    pub(super) fn let_time_go(&self) {
+        self.micros_per_tick
+            .store(MICROS_PER_TICK, Ordering::Relaxed);
+    }
+
+    /// Sends a frame as if from elsewhere on the bus.
+    pub(super) fn inject(&self, frame: Frame) {
+        self.bus.attach().send(frame).unwrap();
     }
 
     pub(super) fn attach(&self) -> Box<dyn CanBus> {
@@ -102,63 +135,125 @@ impl FakeCell {
     pub(super) fn fault(&self, node_id: usize, code: u16) {
         self.change(node_id, |drive| drive.enter_fault(code));
         let emergency = Emergency::new(code, 1).encode(node_id as u8);
-        self.bus.attach().send(emergency).unwrap();
+        self.inject(emergency);
     }
 
     /// Nothing is heard of the drive between its end and its boot-up message.
     pub(super) fn restart(&self, node_id: usize) {
+        self.restart_as(node_id, |_| {});
+    }
+
+    /// The same, and the drive is otherwise than before.
+    pub(super) fn restart_as(&self, node_id: usize, change: impl FnOnce(&mut Drive)) {
         self.change(node_id, |drive| {
             *drive = Drive::new(node_id as u8);
+            change(drive);
             drive.dead = true;
         });
         let boot_up = heartbeat::encode(node_id as u8, nmt::State::BootUp);
-        self.bus.attach().send(boot_up).unwrap();
+        self.inject(boot_up);
         self.change(node_id, |drive| drive.dead = false);
     }
 
     async fn run(self, clock: Arc<AtomicU64>) {
         let mut port = self.attach();
         let mut servers = [(); 4].map(|()| Server::default());
+        let mut tick = tokio::time::interval(Duration::from_millis(1));
+        tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        let mut heard_us = None;
         loop {
-            let frame = match port.receive().await {
-                Ok(stamped) => stamped.frame,
-                Err(bus::Error::Closed(_)) => return,
-                Err(error) => panic!("{error}"),
-            };
-            let mut answers = Vec::new();
-            self.drives.send_modify(|drives| {
-                if let Some((command, target)) = nmt::decode(&frame) {
-                    for drive in drives
-                        .iter_mut()
-                        .filter(|drive| target.includes(drive.node_id) && !drive.dead)
-                    {
-                        assert_eq!(command, nmt::Command::Start);
-                        drive.nmt_state = nmt::State::Operational;
-                        answers.push(heartbeat::encode(drive.node_id, drive.nmt_state));
+            let frames = tokio::select! {
+                biased;
+                received = port.receive() => {
+                    let frame = match received {
+                        Ok(stamped) => stamped.frame,
+                        Err(bus::Error::Closed(_)) => return,
+                        Err(error) => panic!("{error}"),
+                    };
+                    let now_us = clock.load(Ordering::Relaxed);
+                    if heartbeat::decode(&frame).is_some_and(|(node_id, _)| node_id == HOST) {
+                        self.host_heartbeats.fetch_add(1, Ordering::Relaxed);
+                        heard_us = Some(now_us);
                     }
+                    self.answer(&frame, &mut servers, now_us)
                 }
-                let node_id = frame
-                    .cob_id()
-                    .filter(|id| (0x601..=0x604).contains(id))
-                    .map(|id| usize::from(id - 0x600));
-                let Some(node_id) = node_id else { return };
-                let step_us = self.micros_per_request.load(Ordering::Relaxed);
-                let now_us = clock.fetch_add(step_us, Ordering::Relaxed) + step_us;
-                for drive in drives.iter_mut() {
-                    answers.extend(drive.advance(now_us, step_us));
+                _ = tick.tick() => {
+                    let step_us = self.micros_per_tick.load(Ordering::Relaxed);
+                    let now_us = clock.load(Ordering::Relaxed) + step_us;
+                    if heard_us.is_some_and(|heard_us| now_us - heard_us > OWED_HEARTBEAT_US) {
+                        continue;
+                    }
+                    // Frames of the middle of a tick are sent in the middle of it.
+                    let mut frames = Vec::new();
+                    let parts = step_us.div_ceil(1000);
+                    for part in 1..=parts {
+                        let part_us = now_us - step_us + step_us * part / parts;
+                        self.drives.send_modify(|drives| {
+                            for drive in drives.iter_mut() {
+                                let advanced = drive.advance(part_us, step_us / parts);
+                                frames.extend(advanced.into_iter().map(|frame| (part_us, frame)));
+                            }
+                        });
+                    }
+                    for (part_us, frame) in frames {
+                        clock.store(part_us, Ordering::Relaxed);
+                        port.send(frame).unwrap();
+                    }
+                    clock.store(now_us, Ordering::Relaxed);
+                    continue;
                 }
-                let drive = &mut drives[node_id - 1];
-                let request = frame.data().try_into().unwrap();
-                if let Some(answer) = servers[node_id - 1].answer(request, drive)
-                    && !drive.dead
-                {
-                    answers.push(Frame::standard(response_cob_id(node_id as u8), answer));
-                }
-            });
-            for answer in answers {
-                port.send(answer).unwrap();
+            };
+            for frame in frames {
+                port.send(frame).unwrap();
             }
         }
+    }
+
+    fn answer(&self, frame: &Frame, servers: &mut [Server; 4], now_us: u64) -> Vec<Frame> {
+        let mut answers = Vec::new();
+        if frame
+            .cob_id()
+            .is_some_and(|id| (0x201..=0x204).contains(&id))
+        {
+            self.host_pdos.lock().unwrap().push(*frame);
+        }
+        self.drives.send_modify(|drives| {
+            if let Some((command, target)) = nmt::decode(frame) {
+                for drive in drives
+                    .iter_mut()
+                    .filter(|drive| target.includes(drive.node_id) && !drive.dead)
+                {
+                    drive.nmt_state = command.outcome();
+                    drive.sent_pdos = [const { None }; 3];
+                    answers.push(heartbeat::encode(drive.node_id, drive.nmt_state));
+                    answers.extend(drive.process_data(now_us));
+                }
+            }
+            for drive in drives.iter_mut() {
+                let is_own = frame.cob_id() == Some(0x200 + u16::from(drive.node_id));
+                if is_own && !drive.dead && drive.nmt_state == nmt::State::Operational {
+                    let word = u16::from_le_bytes(frame.data().try_into().unwrap());
+                    drive.on_controlword(word);
+                    answers.extend(drive.process_data(now_us));
+                }
+            }
+            let node_id = frame
+                .cob_id()
+                .filter(|id| (0x601..=0x604).contains(id))
+                .map(|id| usize::from(id - 0x600));
+            let Some(node_id) = node_id else { return };
+            let drive = &mut drives[node_id - 1];
+            let request = frame.data().try_into().unwrap();
+            let answer = servers[node_id - 1].answer(request, drive);
+            // What a request changed is sent ahead of its answer.
+            answers.extend(drive.process_data(now_us));
+            if let Some(answer) = answer
+                && !drive.dead
+            {
+                answers.push(Frame::standard(response_cob_id(node_id as u8), answer));
+            }
+        });
+        answers
     }
 }
 
@@ -166,7 +261,15 @@ impl Drive {
     fn new(node_id: u8) -> Self {
         let mut drive = Self {
             node_id,
-            objects: BTreeMap::new(),
+            objects: dictionary::entries()
+                .iter()
+                .map(|entry| {
+                    (
+                        entry.address,
+                        entry.kind.encode(entry.factory_value(node_id)),
+                    )
+                })
+                .collect(),
             nmt_state: nmt::State::PreOperational,
             state: State::SwitchOnDisabled,
             homed: false,
@@ -177,24 +280,23 @@ impl Drive {
             controlword: 0,
             obstacle_qc: None,
             running_ma: 40,
+            belt_slips: false,
             dead: false,
             statusword: None,
             fault_persists: false,
+            mute: false,
+            sent_pdos: [const { None }; 3],
             controlwords: Vec::new(),
             targets_qc: Vec::new(),
         };
-        drive.set(objects::VENDOR_ID, 0xFB);
-        drive.set(objects::PRODUCT_CODE, 0x6050_0000);
-        drive.set(objects::REVISION_NUMBER, 0x0170_0000);
         drive.set(objects::SERIAL_NUMBER, 1000 + u32::from(node_id));
         drive.set(objects::MAIN_SENSOR_RESOLUTION, 2048);
-        drive.set(objects::PRODUCER_HEARTBEAT, 0);
-        drive.set(objects::MODES_OF_OPERATION, 1);
-        drive.set(objects::FOLLOWING_ERROR_WINDOW, 2000);
-        drive.set(objects::OUTPUT_CURRENT_LIMIT, 4500);
-        for (input, function) in (1..).zip([0, 1, 2, 19, 255, 255, 255, 255]) {
-            drive.set(objects::digital_input_function(input), function);
-        }
+        drive.set(objects::ENCODER_PULSES, 512);
+        drive.set(objects::GEAR_NUMERATOR, 21);
+        drive.set(objects::OUTPUT_CURRENT_LIMIT, 800);
+        drive.set(objects::INPUT_POLARITY, if node_id == 2 { 1 } else { 0 });
+        // Every switch is free.
+        drive.set(objects::INPUT_LEVELS, if node_id == 2 { 1 } else { 0 });
         drive
     }
 
@@ -209,7 +311,7 @@ impl Drive {
             .unwrap_or_default()
     }
 
-    fn enter_fault(&mut self, code: u16) {
+    pub(super) fn enter_fault(&mut self, code: u16) {
         self.state = State::Fault;
         self.target_qc = None;
         self.set(objects::ERROR_CODE, code);
@@ -224,6 +326,7 @@ impl Drive {
         if period_us > 0 && now_us / period_us > (now_us - step_us) / period_us {
             frames.push(heartbeat::encode(self.node_id, self.nmt_state));
         }
+        frames.extend(self.process_data(now_us));
         if let Some(us) = &mut self.homing_ends_in_us {
             *us = us.saturating_sub(step_us);
             if *us == 0 {
@@ -244,6 +347,39 @@ impl Drive {
             if lag_qc > f64::from(self.get(objects::FOLLOWING_ERROR_WINDOW)) {
                 self.enter_fault(0x8611);
                 frames.push(Emergency::new(0x8611, 0x80).encode(self.node_id));
+            }
+        }
+        frames
+    }
+
+    /// What has changed in TPDO 1 to 3, no more often than their inhibit time allows.
+    fn process_data(&mut self, now_us: u64) -> Vec<Frame> {
+        if self.dead || self.mute || self.nmt_state != nmt::State::Operational {
+            return Vec::new();
+        }
+        let mut frames = Vec::new();
+        for number in [1, 2, 3] {
+            let records = Address::new(0x19FF + number, 0);
+            let count = self.objects[&records][0];
+            let mut payload = Vec::new();
+            for subindex in 1..=count {
+                let entry = &self.objects[&Address::new(records.index, subindex)];
+                let entry = u32::from_le_bytes(entry.as_slice().try_into().unwrap());
+                let mapped = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
+                payload.extend(self.read(mapped).unwrap());
+            }
+            let inhibit = &self.objects[&Address::new(0x17FF + number, 3)];
+            let inhibit_us = 100 * u64::from(u16::from_le_bytes([inhibit[0], inhibit[1]]));
+            let cob_id = &self.objects[&Address::new(0x17FF + number, 1)];
+            let cob_id = u32::from_le_bytes(cob_id.as_slice().try_into().unwrap());
+            let sent = &mut self.sent_pdos[usize::from(number) - 1];
+            let is_due = sent.as_ref().is_none_or(|(before, at_us)| {
+                *before != payload && now_us.saturating_sub(*at_us) >= inhibit_us
+            });
+            if cob_id >> 31 == 0 && is_due {
+                let id = epos4_link::frame::Id::standard(cob_id as u16);
+                frames.push(Frame::new(id, &payload).unwrap());
+                *sent = Some((payload, now_us));
             }
         }
         frames
@@ -314,7 +450,21 @@ impl Drive {
         word
     }
 
+    fn active_functions(&self) -> u32 {
+        let active = self.get(objects::INPUT_LEVELS) ^ self.get(objects::INPUT_POLARITY);
+        (1..=objects::INPUT_COUNT)
+            .filter(|input| active >> (input - 1) & 1 == 1)
+            .map(|input| self.get(objects::digital_input_function(input)))
+            .filter(|function| *function < 32)
+            .fold(0, |functions, function| functions | 1 << function)
+    }
+
     fn current_ma(&self) -> i32 {
+        // Blade on blade.
+        let beyond_qc = self.position_qc - CLOSED_QC;
+        if beyond_qc > 0.0 && self.node_id == 2 && !self.belt_slips {
+            return self.running_ma + (beyond_qc * MA_PER_QC) as i32;
+        }
         match self.target_qc {
             Some(_) if self.demand_qc != self.position_qc => {
                 self.get(objects::OUTPUT_CURRENT_LIMIT) as i32
@@ -337,6 +487,7 @@ impl Dictionary for Drive {
             (0x6064, 0) => (self.position_qc as i32).to_le_vec(),
             (0x606C, 0) => 0_i32.to_le_vec(),
             (0x30D1, 2) => self.current_ma().to_le_vec(),
+            (0x60FD, 0) => self.active_functions().to_le_vec(),
             _ => {
                 return self
                     .objects

@@ -29,6 +29,8 @@ abort_codes! {
     TOGGLE_BIT = 0x0503_0000, "toggle bit not alternated";
     TIMED_OUT = 0x0504_0000, "sdo protocol timed out";
     UNKNOWN_COMMAND = 0x0504_0001, "command specifier not valid or unknown";
+    BLOCK_SIZE = 0x0504_0002, "invalid block size";
+    SEQUENCE_NUMBER = 0x0504_0003, "invalid sequence number";
     CRC = 0x0504_0004, "crc error";
     OUT_OF_MEMORY = 0x0504_0005, "out of memory";
     UNSUPPORTED_ACCESS = 0x0601_0000, "unsupported access to an object";

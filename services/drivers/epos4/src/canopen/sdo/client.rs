@@ -1,5 +1,8 @@
 //! The asking side of SDO: one transfer as a value that is fed with responses and says what to send next.
 
+mod block;
+
+use self::block::Block;
 use super::{AbortCode, Initiate, Payload, Request, Response, Segment};
 use crate::canopen::object::Address;
 
@@ -26,6 +29,7 @@ enum Stage {
         sent: usize,
         toggle: bool,
     },
+    Block(Block),
 }
 
 /// What follows a response.
@@ -33,6 +37,12 @@ enum Stage {
 pub enum Step {
     /// Send this and wait for the next response.
     Send([u8; 8]),
+    /// Send all of these, as fast as the bus takes them, and wait for the next response.
+    SendAll(Vec<[u8; 8]>),
+    /// More of the response follows.
+    Wait,
+    /// The data of a read; this confirms them to the drive.
+    SendAndDone([u8; 8], Vec<u8>),
     /// The transfer is done. Data of a read; empty after a write.
     Done(Vec<u8>),
     /// The response belongs to another transfer: keep waiting.
@@ -79,6 +89,26 @@ impl Transfer {
         )
     }
 
+    /// Reads an object by block transfer, or in segments when the drive does not know that; with what to send first.
+    pub fn block_upload(address: Address) -> (Self, [u8; 8]) {
+        let stage = Stage::Block(Block::UploadBegun);
+        (Self { address, stage }, block::begin_upload(address))
+    }
+
+    /// Writes an object by block transfer, or in segments when the drive does not know that; with what to send first.
+    pub fn block_download(address: Address, data: &[u8]) -> (Self, [u8; 8]) {
+        let stage = Stage::Block(Block::DownloadBegun(data.to_vec()));
+        (
+            Self { address, stage },
+            block::begin_download(address, data),
+        )
+    }
+
+    /// Whether more than one answer may still come when the transfer is given up.
+    pub fn is_block(&self) -> bool {
+        matches!(self.stage, Stage::Block(_))
+    }
+
     /// What to send when the transfer is given up.
     pub fn abort(&self, code: AbortCode) -> [u8; 8] {
         Request::Abort(self.address, code).encode()
@@ -86,14 +116,25 @@ impl Transfer {
 
     /// Takes a response of the drive.
     pub fn on_response(&mut self, response: [u8; 8]) -> Result<Step, Failure> {
-        let own = |address: Address| address == self.address;
+        let address = self.address;
+        let own = |named: Address| named == address;
         match (&mut self.stage, Response::decode(response)) {
             // An abort of a transfer that was lost track of names no object.
-            (_, Response::Abort(address, code))
-                if own(address) || address == Address::new(0, 0) =>
-            {
+            (stage, Response::Abort(named, code)) if own(named) || named == Address::new(0, 0) => {
+                if code == AbortCode::UNKNOWN_COMMAND
+                    && let Stage::Block(block) = stage
+                    && let Some((without_block, first)) = block.without_block(address)
+                {
+                    *self = without_block;
+                    return Ok(Step::Send(first));
+                }
                 Err(Failure::Aborted(code))
             }
+            (Stage::Block(Block::UploadBegun), Response::Upload(named, initiate)) if own(named) => {
+                // The drive finds the object too small for blocks.
+                Ok(self.upload_begun(initiate))
+            }
+            (Stage::Block(block), _) => block::on_response(block, address, response),
             (Stage::UploadBegun, Response::Upload(address, initiate)) if own(address) => {
                 Ok(self.upload_begun(initiate))
             }

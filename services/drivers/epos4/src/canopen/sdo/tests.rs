@@ -174,7 +174,7 @@ fn carry_out(
         match transfer.on_response(answer)? {
             Step::Send(next) => request = next,
             Step::Done(data) => return Ok(data),
-            Step::Ignored => panic!("an own answer was ignored"),
+            step => panic!("{step:?} in answer to an own request"),
         }
     }
 }
@@ -210,4 +210,42 @@ proptest! {
             server.answer(request, &mut memory);
         }
     }
+}
+
+/// Requests of a client that knows no protocol. The server must answer or ignore each, and hold no more than its limit.
+fn server_survives(requests: u32) {
+    let mut server = Server::default();
+    let mut memory = Memory::with(STATUSWORD, &[1; 30]);
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut aborts = 0_u32;
+    for _ in 0..requests {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        let mut request = state.wrapping_mul(0x2545_F491_4F6C_DD1D).to_le_bytes();
+        // Mostly of an object that is there, so that transfers get beyond their beginning.
+        if state & 7 != 0 {
+            request[1..4].copy_from_slice(&[0x41, 0x60, 0]);
+        }
+        if let Some(answer) = server.answer(request, &mut memory) {
+            let is_abort = matches!(Response::decode(answer), Response::Abort(..));
+            aborts += u32::from(is_abort);
+        }
+        memory
+            .0
+            .retain(|address, data| *address == STATUSWORD && data.len() <= 4096);
+        memory.0.entry(STATUSWORD).or_insert_with(|| vec![1; 30]);
+    }
+    assert!(aborts > requests / 10 && aborts < requests, "{aborts}");
+}
+
+#[test]
+fn noise_does_not_end_a_server() {
+    server_survives(300_000);
+}
+
+#[test]
+#[ignore = "ten million requests: cargo test --release -p epos4-link -- --ignored noise"]
+fn ten_million_requests_of_noise() {
+    server_survives(10_000_000);
 }

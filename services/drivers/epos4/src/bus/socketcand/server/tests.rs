@@ -214,6 +214,36 @@ async fn a_client_that_does_not_read_is_dropped_and_the_others_are_served() {
 }
 
 #[tokio::test]
+async fn noise_harms_nobody_but_its_sender() {
+    let world = World::start().await;
+    let mut polite = world.client().await;
+    let mut state = 1_u64;
+    for round in 0..64 {
+        let mut noisy = if round % 2 == 0 {
+            world.connect().await
+        } else {
+            world.client().await
+        };
+        let noise: Vec<u8> = (0..4096)
+            .map(|_| {
+                // xorshift64, Marsaglia 2003.
+                state ^= state << 13;
+                state ^= state >> 7;
+                state ^= state << 17;
+                b"<> send0123456789abcdef\0\xFF"[(state % 25) as usize]
+            })
+            .collect();
+        // It may be put off meanwhile.
+        noisy.write_all(&noise).await.ok();
+    }
+    say(&mut polite, "< echo >").await;
+    let mut heard = String::new();
+    while !heard.ends_with("< echo >") {
+        heard += &segment(&mut polite).await;
+    }
+}
+
+#[tokio::test]
 async fn clients_beyond_the_limit_are_not_let_in() {
     let mut world = World::start().await;
     let mut clients = Vec::new();
