@@ -54,6 +54,12 @@ async fn tissue_that_stops_the_jaw_on_the_way_is_not_bitten_and_the_jaw_opens_ag
     assert!((end.contact_mm.unwrap() - 6.0).abs() < 0.5, "{end:?}");
     assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
     assert_eq!(world.fault(Axis::ForcepsFeed), "", "the drive obeys");
+    let drive = world.cell.drive(FORCEPS_FEED);
+    assert_eq!(
+        drive.get(objects::OUTPUT_CURRENT_LIMIT),
+        120,
+        "what could not be bitten is not pressed any longer"
+    );
     world
         .cell
         .until(FORCEPS_FEED, |drive| drive.state == State::QuickStopActive)
