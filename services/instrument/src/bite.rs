@@ -28,10 +28,21 @@ pub struct BiteSpec {
     pub current_limit_ma: f64,
     /// How contact is felt; with the closing speed.
     pub contact: ContactSpec,
+    /// How it presses.
+    pub press: Press,
     /// How blade on blade is felt; `None` where it is not looked for.
     pub blades: Option<Blades>,
     /// What the jaw presses with; `None` when nobody has measured it.
     pub force: Option<ForceTable>,
+}
+
+/// Slowly, so that the current is what presses: the momentum of a motor at closing speed presses with half as much again.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Press {
+    /// From contact on, and where the blades are about to touch, mm/s.
+    pub speed_mm_s: f64,
+    /// How far before the blades touch, mm.
+    pub from_mm: f64,
 }
 
 /// Blade on blade: the feed presses on beyond the touch, and the current must rise.
@@ -192,7 +203,9 @@ impl Watch {
             acceleration_mm_s2,
             ..
         } = spec.contact;
-        let profile_s = (spec.target_mm() - start.0) / speed_mm_s + speed_mm_s / acceleration_mm_s2;
+        // All of the way may be pressed.
+        let profile_s = (spec.target_mm() - start.0) / speed_mm_s.min(spec.press.speed_mm_s)
+            + speed_mm_s / acceleration_mm_s2;
         Ok(Self {
             limit_ma,
             tolerance_mm,
@@ -211,6 +224,12 @@ impl Watch {
         self.start.1 = stamp;
         self.farthest.1 = stamp;
         self.contact.begin(stamp);
+    }
+
+    /// Whether the jaw is to close slowly from now on.
+    pub fn presses(&self) -> bool {
+        self.contact.is_suspected()
+            || self.farthest.0 >= self.spec.closed_mm - self.spec.press.from_mm
     }
 
     /// Takes a sample; an answer when the bite is over.

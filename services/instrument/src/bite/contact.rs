@@ -37,6 +37,8 @@ pub struct ContactWatch {
     last_free_mm: f64,
     /// The first sample above the free current since the last one that was free: where, and by how much.
     rising_from: Option<(f64, f64)>,
+    /// The current has risen by half of what is contact.
+    suspected: bool,
     contact: Option<Contact>,
     peak_ma: f64,
 }
@@ -77,6 +79,7 @@ impl ContactWatch {
             free: false,
             last_free_mm: start_mm,
             rising_from: None,
+            suspected: false,
             contact: None,
             peak_ma: 0.0,
         }
@@ -90,6 +93,11 @@ impl ContactWatch {
     /// The first contact.
     pub fn contact(&self) -> Option<Contact> {
         self.contact
+    }
+
+    /// Whether the jaw meets something, or seems about to.
+    pub fn is_suspected(&self) -> bool {
+        self.suspected || self.contact.is_some()
     }
 
     /// The current of the free jaw as far as it was learnt, mA.
@@ -128,6 +136,7 @@ impl ContactWatch {
             self.rising_from = None;
             return;
         }
+        self.suspected |= excess_ma >= 0.5 * self.spec.rise_ma;
         let (from_mm, from_ma) = *self.rising_from.get_or_insert((position_mm, excess_ma));
         if excess_ma >= self.spec.rise_ma && current_ma >= self.spec.current_ma {
             self.contact = Some(Contact {

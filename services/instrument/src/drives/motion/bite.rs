@@ -20,8 +20,13 @@ pub(super) async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, 
     };
     link.begin_profile(profile).await?;
     watch.begin(link.ask().await?.stamp);
+    let mut presses = false;
     loop {
         match watch.observe(&link.sample().await?) {
+            None if watch.presses() && !presses => {
+                link.change_speed(bite.press.speed_mm_s).await?;
+                presses = true;
+            }
             None => {}
             Some(Ok(end)) => return Ok(end),
             Some(Err(error)) => {

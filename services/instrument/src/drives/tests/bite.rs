@@ -101,8 +101,8 @@ async fn thin_tissue_is_held_closed() {
     let again = world.run(BITE).await;
     assert_eq!(again.operation.reason, "JAW_NOT_OPEN");
     assert_eq!(
-        world.cell.drive(FORCEPS_FEED).targets_qc.len(),
-        1,
+        world.cell.drive(FORCEPS_FEED).targets_qc,
+        drive.targets_qc,
         "the refused bite sent no target"
     );
 }
@@ -182,7 +182,9 @@ async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
         assert!(last.peak_current_ma > 200.0);
         assert!(!last.state.as_ref().unwrap().moving);
     }
-    assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
+    let targets_qc = world.cell.drive(FORCEPS_FEED).targets_qc;
+    assert_eq!(targets_qc.len(), 2, "first at closing speed, then slowly");
+    assert_eq!(targets_qc[0], targets_qc[1]);
 }
 
 /// Whatever is commanded in whatever order, with whatever between the blades.
