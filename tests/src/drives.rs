@@ -42,6 +42,8 @@ const HOST_WAIT: Duration = Duration::from_secs(5);
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Of the lease; each command renews it.
 const LEASE: Duration = Duration::from_secs(60);
+/// While a stop is under way it is asked again after this long, of the bus, s.
+const STOPPING_S: f64 = 0.02;
 /// No drive has moved for this long, of the bus: they stand, s.
 const STANDING_S: f64 = 0.05;
 /// A shaft that has not come to stand after this long, of the bus, is out of hand, s.
@@ -144,7 +146,7 @@ impl DriveWorld {
 
     // === commands ===
 
-    /// Gives a command.
+    /// Gives a command, once no stop is under way any more.
     pub async fn begin(&mut self, command: Command) -> Result<Ticket, Refusal> {
         self.operations += 1;
         let authorization = Authorization {
@@ -153,7 +155,16 @@ impl DriveWorld {
         };
         // A lease that is over shows in the refusal of the command.
         self.handle.renew(self.token).await.ok();
-        self.handle.command(authorization, command).await
+        let begun = Instant::now();
+        loop {
+            let answer = self.handle.command(authorization.clone(), command.clone());
+            match answer.await {
+                Err(Refusal::Stopping) if begun.elapsed() < PATIENCE => {
+                    self.pass(STOPPING_S).await;
+                }
+                answer => return answer,
+            }
+        }
     }
 
     /// Gives a command and waits for its end.
@@ -345,11 +356,13 @@ impl DriveWorld {
         self.tasks.spawn(async move {
             let mut states = handle.states();
             while states.changed().await.is_ok() {
+                let before_mm = truths.borrow().jaw_gap_mm;
                 let state = states.borrow_and_update().clone();
                 if !matches!(state.jaw, Jaw::ClosedEmpty | Jaw::ClosedOnTissue) {
                     continue;
                 }
-                let gap_mm = truths.borrow().jaw_gap_mm;
+                // The state is of a moment between the two, however slow this watch is.
+                let gap_mm = truths.borrow().jaw_gap_mm.min(before_mm);
                 let faults = state.axes.iter().filter_map(|axis| axis.fault.clone());
                 let faults: Vec<_> = faults.collect();
                 assert!(
@@ -386,11 +399,7 @@ impl Truth {
                 speeds_qc_s[place] = node.speed_quadcounts_s();
             }
             let feed = drives.nodes.get(Axis::ForcepsFeed.index());
-            (
-                shafts_qc,
-                speeds_qc_s,
-                feed.map_or(0.0, Node::tool_force_n),
-            )
+            (shafts_qc, speeds_qc_s, feed.map_or(0.0, Node::tool_force_n))
         });
         Self {
             now_s: bus.now_s(),
