@@ -24,6 +24,7 @@ use arthro_instrument::error::Refusal;
 use arthro_simulator::bench::{Bench, JawConfig};
 use arthro_simulator::cell::axes;
 use arthro_simulator::epos4::{Bus, Fault, Node, socketcand};
+use epos4_link::cia402::State;
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, sleep_until, timeout};
@@ -59,6 +60,7 @@ pub struct DriveWorld {
     pub token: u64,
     operations: u64,
     bench: Arc<Mutex<Bench>>,
+    truth: watch::Sender<Truth>,
     truths: watch::Receiver<Truth>,
     /// Where the true shafts stand at position 0 of the service, quadcounts; since the last homing.
     zeros_qc: [f64; 4],
@@ -79,8 +81,12 @@ pub struct Truth {
     pub speeds_qc_s: [f64; 4],
     /// Between the blades, N.
     pub jaw_force_n: f64,
-    /// Between the blades, mm.
+    /// Between the blades, mm; below 0 they press on each other.
     pub jaw_gap_mm: f64,
+    /// When each drive was in OPERATION_ENABLED last, s.
+    pub enabled_s: [f64; 4],
+    /// The lowest and the highest place of each shaft since [`DriveWorld::forget_extremes`], quadcounts.
+    pub extremes_qc: [(f64, f64); 4],
 }
 
 impl DriveWorld {
@@ -102,15 +108,20 @@ impl DriveWorld {
         let cell = config.check().unwrap_or_else(|error| panic!("{error}"));
         let (drives, handle) = Drives::new(cell);
         let bench = Bench::new(&NODE_IDS, jaw);
-        let (truth, truths) = watch::channel(Truth::of(&bus, &bench));
+        let (truth, truths) = watch::channel(Truth::of(&bus, &bench, None));
         let bench = Arc::new(Mutex::new(bench));
         let mut tasks = JoinSet::new();
-        tasks.spawn(keep_time(Arc::clone(&bus), Arc::clone(&bench), truth));
+        tasks.spawn(keep_time(
+            Arc::clone(&bus),
+            Arc::clone(&bench),
+            truth.clone(),
+        ));
         let mut world = Self {
             bus,
             token: 0,
             operations: 0,
             bench,
+            truth,
             truths,
             zeros_qc: [0.0; 4],
             owner: tokio::spawn(drives.run(Drain::never())),
@@ -274,6 +285,12 @@ impl DriveWorld {
         *self.truths.borrow()
     }
 
+    /// Counts the extremes of the shafts from now on.
+    pub fn forget_extremes(&self) {
+        self.truth
+            .send_modify(|truth| truth.extremes_qc = truth.shafts_qc.map(|qc| (qc, qc)));
+    }
+
     /// Waits until the truth is as wanted; which it is then.
     pub async fn until_truly(&self, what: &str, wanted: impl Fn(&Truth) -> bool) -> Truth {
         let mut truths = self.truths.clone();
@@ -390,19 +407,30 @@ impl Drop for DriveWorld {
 }
 
 impl Truth {
-    fn of(bus: &Bus, bench: &Bench) -> Self {
+    fn of(bus: &Bus, bench: &Bench, before: Option<&Self>) -> Self {
+        let now_s = bus.now_s();
+        let mut enabled_s = before.map_or([0.0; 4], |before| before.enabled_s);
         let (shafts_qc, speeds_qc_s, jaw_force_n) = bus.with_drives(|drives| {
             let mut shafts_qc = [0.0; 4];
             let mut speeds_qc_s = [0.0; 4];
             for (place, node) in drives.nodes.iter().take(4).enumerate() {
                 shafts_qc[place] = node.position_quadcounts();
                 speeds_qc_s[place] = node.speed_quadcounts_s();
+                if node.drive_state() == State::OperationEnabled {
+                    enabled_s[place] = now_s;
+                }
             }
             let feed = drives.nodes.get(Axis::ForcepsFeed.index());
             (shafts_qc, speeds_qc_s, feed.map_or(0.0, Node::tool_force_n))
         });
         Self {
-            now_s: bus.now_s(),
+            now_s,
+            enabled_s,
+            extremes_qc: std::array::from_fn(|place| {
+                let qc = shafts_qc[place];
+                let (low_qc, high_qc) = before.map_or((qc, qc), |before| before.extremes_qc[place]);
+                (low_qc.min(qc), high_qc.max(qc))
+            }),
             shafts_qc,
             speeds_qc_s,
             jaw_force_n,
@@ -438,7 +466,7 @@ async fn keep_time(bus: Arc<Bus>, bench: Arc<Mutex<Bench>>, truth: watch::Sender
             let mut bench = bench.lock().unwrap_or_else(PoisonError::into_inner);
             let mechanics = bench.mechanics(&bus.positions_quadcounts());
             bus.tick(STEP_S, step as f64 * STEP_S, &mechanics);
-            truth.send_replace(Truth::of(&bus, &bench));
+            truth.send_modify(|truth| *truth = Truth::of(&bus, &bench, Some(truth)));
         }
         tokio::task::yield_now().await;
     }

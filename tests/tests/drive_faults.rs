@@ -34,12 +34,29 @@ const STANDS_FOR_S: f64 = 1.0;
 const CLOSED_GAP_MM: f64 = 0.3;
 /// What the bites draw at most, mA: enough to cut the block.
 const BITE_MA: f64 = 400.0;
-/// A motor whose encoder stands still runs away. With more than this it drives the blades into each other so hard that
-/// only a hand frees them, mA.
-const RUNAWAY_MA: f64 = 150.0;
 /// Where the moves lead, mm or degrees.
 const FAR: f64 = 6.0;
 const FAR_DEG: f64 = 90.0;
+
+/// What a bit that is another can look like: in an answer, in a statusword, in a heartbeat, in process data.
+const GARBLED: &[&str] = &[
+    "SDO_NO_ANSWER",
+    "SDO_ABORTED",
+    "SDO_WRONG_SIZE",
+    "SDO_READ_BACK",
+    "DUPLICATE_NODE_ID",
+    "UNKNOWN_STATUSWORD",
+    "DRIVE_LEFT_OPERATION",
+    "DRIVE_NO_TRANSITION",
+    "NOT_HOMED",
+    "REFERENCE_LOST",
+    "HOMING_FAILED",
+    "HOMING_INTERRUPTED",
+    "POSITION_LIMITS_NOT_KEPT",
+    "NMT_STATE_LOST",
+    "UNEXPECTED_BOOT_UP",
+    "STALE_PROCESS_DATA",
+];
 
 /// What the service does when the fault comes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -132,9 +149,9 @@ fn expected(case: &Case) -> Expected {
         }
         (Fault::SlowSdo(extra_s), _) if extra_s > 1.0 => Expected::Fault(&["SDO_NO_ANSWER"]),
         (Fault::SilentSdo, _) => Expected::Fault(&["SDO_NO_ANSWER"]),
-        (Fault::CorruptFrame(_), _) => Chance(&[]),
-        (Fault::LostPdo(share), Holding) if share == 1.0 => Later(&["STALE_PROCESS_DATA"]),
-        (Fault::LostPdo(share), _) if share == 1.0 => Expected::Fault(&["STALE_PROCESS_DATA"]),
+        (Fault::CorruptFrame(_), _) => Chance(GARBLED),
+        (Fault::LostPdo(1.0), Holding) => Later(&["STALE_PROCESS_DATA"]),
+        (Fault::LostPdo(1.0), _) => Expected::Fault(&["STALE_PROCESS_DATA"]),
         (Fault::LostPdo(_), _) => Chance(&["STALE_PROCESS_DATA"]),
         (Fault::DuplicateNode, _) => Expected::Fault(&["UNEXPECTED_BOOT_UP", "DUPLICATE_NODE_ID"]),
         (Fault::StoOpen, _) => Expected::Fault(&["SAFE_TORQUE_OFF"]),
@@ -228,9 +245,6 @@ impl Case {
         match self.during {
             Home => Command::Home(vec![self.axis]),
             Move => self.a_move(self.far()),
-            Bite if self.fault == Fault::FrozenEncoder => Command::Bite {
-                current_limit_ma: RUNAWAY_MA,
-            },
             Bite | Holding => Command::Bite {
                 current_limit_ma: BITE_MA,
             },
@@ -315,14 +329,13 @@ impl Case {
                 assert_eq!(latched, None, "{detail}");
             }
             (Chance(reasons), OperationState::Failed) => {
-                assert!(
-                    reasons.is_empty() || reasons.contains(&&*reason),
-                    "{detail}"
-                );
+                assert!(reasons.contains(&&*reason), "{detail}");
             }
             (Chance(reasons), _) => {
-                let is_allowed = |reason| reasons.is_empty() || reasons.contains(&reason);
-                assert!(latched.is_none_or(is_allowed), "{detail}");
+                assert!(
+                    latched.is_none_or(|reason| reasons.contains(&reason)),
+                    "{detail}"
+                );
             }
             (Nothing | Later(_) | Unseen, state) => {
                 assert_eq!((state, latched), (OperationState::Done, None), "{detail}");
@@ -400,7 +413,15 @@ impl Case {
         let to_home = Axis::ALL
             .into_iter()
             .filter(|axis| *axis == self.axis || !axes[axis.index()].is_homed());
-        world.home(&to_home.collect::<Vec<Axis>>()).await;
+        let to_home: Vec<Axis> = to_home.collect();
+        if (self.fault, self.during) == (Fault::FrozenEncoder, Bite) {
+            // The motor ran away and pressed the blades on each other: they spring open, and the homing after that is
+            // the first that can follow.
+            let sprung = world.run(Command::Home(to_home.clone())).await;
+            assert_eq!(sprung.operation.reason, "FOLLOWING_ERROR", "{sprung:?}");
+            world.recover().await;
+        }
+        world.home(&to_home).await;
         let half = 0.5 * self.far();
         world.succeed(self.a_move(half)).await;
         world.settle().await;
