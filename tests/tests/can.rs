@@ -345,7 +345,8 @@ async fn bus_without_nodes() -> String {
         client.write_all(b"< hi >").await.expect("it reads");
         let mut heard = [0; 4096];
         for _ in ["open", "rawmode"] {
-            client.read(&mut heard).await.expect("it asks");
+            let len = client.read(&mut heard).await.expect("it asks");
+            assert!(len > 0, "the client is gone");
             client.write_all(b"< ok >").await.expect("it reads");
         }
         while client.read(&mut heard).await.is_ok_and(|len| len > 0) {}

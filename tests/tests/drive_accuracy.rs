@@ -248,6 +248,11 @@ async fn interrupt(world: &mut DriveWorld, rng: &mut ChaCha8Rng, axis: Axis) {
             let code = [0x2310, 0x8611, 0x4380, 0x5113][rng.random_range(0..4)];
             let id = world.inject(Some(rng.random_range(1..=4)), Fault::Emergency(code));
             world.bus.clear(Some(id));
+            world
+                .until("at fault", |state| {
+                    state.axes.iter().any(|axis| axis.fault.is_some())
+                })
+                .await;
         }
         _ => {
             world.pass(moves_on).await;
@@ -277,10 +282,11 @@ async fn run_sequences(seed: u64, left: Arc<AtomicU64>, until: Option<Instant>) 
     {
         for _ in 0..3 {
             interrupt(&mut world, &mut rng, axis).await;
-            if world.faults() != [None; 4] {
+            while world.faults() != [None; 4] {
                 world.settle().await;
                 world.until_ready().await;
-                world.recover().await;
+                // A fault that comes late ends it.
+                world.run(Command::Recover(Axis::ALL.to_vec())).await;
             }
         }
         world.settle().await;
