@@ -111,7 +111,8 @@ def profile_velocity(report, node):
     report.check("and lets it go on", True)
     node.sdo[0x60FF].raw = 0
     wait_for("speed 0", 5, lambda: node.sdo[0x6041].raw & 0x1400 == 0x1400)
-    report.check("to a stand", node.sdo[0x606C].raw == 0)
+    wait_for("standing", 2, lambda: node.sdo[0x606C].raw == 0)
+    report.check("to a stand", True)
 
 
 def cyclic_position(report, network, node):

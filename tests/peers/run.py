@@ -1,7 +1,7 @@
 """Foreign clients against the simulated cell and against its controllers alone: `run.py ARTHRO ARTHRO_SIMULATOR`.
 
 Starts the simulator alone on free loopback addresses (a second master on the bus would hear the first one's answers), runs each
-client as a process of its own, and ends the simulator. Then the same for two arms at two addresses, as CB3 and as e-Series.
+client as a process of its own, and ends the simulator. Then the same for the drives alone, and for two arms at two addresses, as CB3 and as e-Series.
 
 ARTHRO_RTDE_PYTHON (a folder with the manufacturer's Python package `rtde`) and ARTHRO_URCL (a folder with its
 external_control.urscript) bring in what no package registry has; without them their clients are skipped, which is said.
@@ -85,6 +85,18 @@ def cell(arthro):
         process.wait(timeout=30)
 
 
+def drives(arthro, arthro_simulator):
+    """Clients of the drives alone: how many ran, and how many failed."""
+    command = [arthro_simulator, "epos4", "--listen", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--until-stdin-closes"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        address = json.loads(process.stdout.readline())["epos4"]["can"]
+        return 1, run([["canopen_epos4.py", address, data_sheet(arthro)]])
+    finally:
+        process.stdin.close()
+        process.wait(timeout=30)
+
+
 def controllers(arthro_simulator, series):
     """Clients of two controllers: how many ran, and how many failed."""
     hosts = arm_hosts()
@@ -104,7 +116,7 @@ def controllers(arthro_simulator, series):
 
 def main():
     arthro, arthro_simulator = sys.argv[1:3]
-    counts = [cell(arthro)] + [controllers(arthro_simulator, series) for series in ur5.DH]
+    counts = [cell(arthro), drives(arthro, arthro_simulator)] + [controllers(arthro_simulator, series) for series in ur5.DH]
     ran, failed = (sum(column) for column in zip(*counts))
     print(f"peers: {ran - failed} passed, {failed} failed")
     return 1 if failed else 0

@@ -28,7 +28,7 @@ use serde::de::DeserializeOwned;
 
 pub use crate::calls::Deadline;
 pub use crate::config::ServerConfig;
-pub use crate::drain::Drain;
+pub use crate::drain::{Drain, Hold};
 pub use crate::run::{ExitStatus, main, run};
 
 /// Any error that ends the boot.

@@ -74,10 +74,15 @@ pub(crate) async fn serve(
     }
     drain.start();
     stop.send(()).ok();
+    let ending = async {
+        let outcome = serving.await;
+        drain.released().await;
+        outcome
+    };
     tokio::select! {
-        outcome = &mut serving => Ok(outcome?),
+        outcome = ending => Ok(outcome?),
         () = tokio::time::sleep(Duration::from_secs_f64(config.drain_s)) => {
-            tracing::warn!(drain_s = config.drain_s, "calls still open after the drain; closing them");
+            tracing::warn!(drain_s = config.drain_s, "calls or devices still open after the drain; closing them");
             Ok(())
         }
         _ = terminate.recv() => Ok(()),

@@ -2,12 +2,16 @@
 //! is closed, the current says on what, and whatever does not fit together says that nobody knows.
 
 pub mod contact;
+mod error;
+mod steepness;
 
 use std::time::Duration;
 
 use epos4_link::cia402::{State, Statusword};
 
 use self::contact::{Contact, ContactSpec, ContactWatch};
+pub use self::error::BiteError;
+use self::steepness::Steepness;
 use crate::force::ForceTable;
 use crate::positioning::Sample;
 
@@ -24,16 +28,27 @@ pub struct BiteSpec {
     pub current_limit_ma: f64,
     /// How contact is felt; with the closing speed.
     pub contact: ContactSpec,
+    /// How it presses.
+    pub press: Press,
     /// How blade on blade is felt; `None` where it is not looked for.
     pub blades: Option<Blades>,
     /// What the jaw presses with; `None` when nobody has measured it.
     pub force: Option<ForceTable>,
 }
 
+/// Slowly, so that the current is what presses: the momentum of a motor at closing speed presses with half as much again.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Press {
+    /// From contact on, and where the blades are about to touch, mm/s.
+    pub speed_mm_s: f64,
+    /// How far before the blades touch, mm.
+    pub from_mm: f64,
+}
+
 /// Blade on blade: the feed presses on beyond the touch, and the current must rise.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Blades {
-    /// At least this, mA.
+    /// A rise of at least this over the last 0.2 mm, mA.
     pub current_ma: f64,
     /// Pressed on for, mm.
     pub overtravel_mm: f64,
@@ -83,96 +98,6 @@ pub struct BiteEnd {
     pub force_n: Option<f64>,
 }
 
-/// Why the jaw is not known to be closed.
-#[derive(Clone, Copy, PartialEq, Debug, thiserror::Error)]
-pub enum BiteError {
-    /// The drive does not obey any more.
-    #[error("the drive left operation at {position_mm:.3} mm, statusword {statusword}")]
-    LeftOperation {
-        /// Where.
-        position_mm: f64,
-        /// What it reports.
-        statusword: Statusword,
-    },
-    /// The position does not refer to the home point any more.
-    #[error("the reference was lost at {position_mm:.3} mm, statusword {statusword}")]
-    ReferenceLost {
-        /// Where.
-        position_mm: f64,
-        /// What it reports.
-        statusword: Statusword,
-    },
-    /// A bite begins with an open jaw.
-    #[error("the jaw stands at {position_mm:.3} mm; a bite begins at or behind {open_mm} mm")]
-    NotOpen {
-        /// Where.
-        position_mm: f64,
-        /// Where it should be at most.
-        open_mm: f64,
-    },
-    /// Stopped by the limit on the way.
-    #[error(
-        "stopped at {:.3} mm by the current limit of {limit_ma:.0} mA; the jaw is closed from {closed_from_mm} mm on",
-        .end.position_mm
-    )]
-    NotClosed {
-        /// As far as it came.
-        end: BiteEnd,
-        /// Of this bite.
-        limit_ma: f64,
-        /// Where it would count as closed.
-        closed_from_mm: f64,
-    },
-    /// The current went to the limit and the encoder shows no movement at all.
-    #[error(
-        "at the current limit of {limit_ma:.0} mA and never left {:.3} mm: the jaw is blocked, or its encoder stands still",
-        .end.position_mm
-    )]
-    NeverMoved {
-        /// Where it stands.
-        end: BiteEnd,
-        /// Of this bite.
-        limit_ma: f64,
-    },
-    /// It stands, and not because of the limit.
-    #[error(
-        "stands at {:.3} mm short of {target_mm} mm with {current_ma:.0} mA, below the limit of {limit_ma:.0} mA",
-        .end.position_mm
-    )]
-    Stalled {
-        /// As far as it came.
-        end: BiteEnd,
-        /// Where it should be.
-        target_mm: f64,
-        /// At the end.
-        current_ma: f64,
-        /// Of this bite.
-        limit_ma: f64,
-    },
-    /// It is where the blades must touch, and they do not.
-    #[error(
-        "reached {:.3} mm with at most {pressed_ma:.0} mA, but blade on blade draws {blades_ma:.0} mA: the encoder and the \
-         jaw do not go together",
-        .end.position_mm
-    )]
-    BladesNotFelt {
-        /// Where it stands.
-        end: BiteEnd,
-        /// The highest current where the blades should touch.
-        pressed_ma: f64,
-        /// What it should be.
-        blades_ma: f64,
-    },
-    /// It creeps.
-    #[error("at {:.3} mm after {} s and still not closed", .end.position_mm, .limit.as_secs_f64())]
-    TooSlow {
-        /// As far as it came.
-        end: BiteEnd,
-        /// The time it had.
-        limit: Duration,
-    },
-}
-
 /// Watches a closing jaw.
 #[derive(Clone, Debug)]
 pub struct Watch {
@@ -183,8 +108,7 @@ pub struct Watch {
     time_limit: Duration,
     peak_current_ma: f64,
     contact: ContactWatch,
-    /// The highest current where the blades may touch.
-    pressed_ma: f64,
+    steepness: Steepness,
     /// The farthest position and when it was reached.
     farthest: (f64, Duration),
 }
@@ -248,22 +172,6 @@ impl BiteResult {
     }
 }
 
-// === impl BiteError ===
-
-impl BiteError {
-    /// What the bite came to, where it came to something.
-    pub fn end(&self) -> Option<BiteEnd> {
-        match self {
-            Self::LeftOperation { .. } | Self::ReferenceLost { .. } | Self::NotOpen { .. } => None,
-            Self::NotClosed { end, .. }
-            | Self::NeverMoved { end, .. }
-            | Self::Stalled { end, .. }
-            | Self::BladesNotFelt { end, .. }
-            | Self::TooSlow { end, .. } => Some(*end),
-        }
-    }
-}
-
 // === impl Watch ===
 
 impl Watch {
@@ -295,7 +203,9 @@ impl Watch {
             acceleration_mm_s2,
             ..
         } = spec.contact;
-        let profile_s = (spec.target_mm() - start.0) / speed_mm_s + speed_mm_s / acceleration_mm_s2;
+        // All of the way may be pressed.
+        let profile_s = (spec.target_mm() - start.0) / speed_mm_s.min(spec.press.speed_mm_s)
+            + speed_mm_s / acceleration_mm_s2;
         Ok(Self {
             limit_ma,
             tolerance_mm,
@@ -303,7 +213,7 @@ impl Watch {
             time_limit: Duration::from_secs_f64(2.0 * profile_s + 5.0),
             peak_current_ma: 0.0,
             contact: ContactWatch::new(spec.contact, start.0, start.1),
-            pressed_ma: 0.0,
+            steepness: Steepness::default(),
             farthest: start,
             spec,
         })
@@ -314,6 +224,12 @@ impl Watch {
         self.start.1 = stamp;
         self.farthest.1 = stamp;
         self.contact.begin(stamp);
+    }
+
+    /// Whether the jaw is to close slowly from now on.
+    pub fn presses(&self) -> bool {
+        self.contact.is_suspected()
+            || self.farthest.0 >= self.spec.closed_mm - self.spec.press.from_mm
     }
 
     /// Takes a sample; an answer when the bite is over.
@@ -339,12 +255,10 @@ impl Watch {
         }
         self.peak_current_ma = self.peak_current_ma.max(current_ma);
         self.contact.observe(position_mm, current_ma, stamp);
-        if position_mm >= self.spec.blades_from_mm() {
-            self.pressed_ma = self.pressed_ma.max(current_ma);
-        }
+        self.steepness.observe(position_mm, current_ma);
         let arrived = position_mm >= self.spec.target_mm() - self.tolerance_mm;
         if arrived && statusword.has(Statusword::TARGET_REACHED) {
-            return Some(self.closed_at(position_mm));
+            return Some(self.closed(self.closed_on(), position_mm));
         }
         if position_mm >= self.farthest.0 + Self::PROGRESS_MM {
             self.farthest = (position_mm, stamp);
@@ -392,19 +306,26 @@ impl Watch {
             true => BiteResult::ClosedOnTissue,
             false => self.closed_on(),
         };
-        Ok(self.end(closed_on, position_mm))
+        self.closed(closed_on, position_mm)
     }
 
-    /// The encoder says closed: the blades must agree, where they are asked.
-    fn closed_at(&self, position_mm: f64) -> Result<BiteEnd, BiteError> {
-        match self.spec.blades {
-            Some(blades) if self.pressed_ma < blades.current_ma => Err(BiteError::BladesNotFelt {
-                end: self.end(BiteResult::Stalled, position_mm),
-                pressed_ma: self.pressed_ma,
-                blades_ma: blades.current_ma,
-            }),
-            _ => Ok(self.end(self.closed_on(), position_mm)),
+    /// The encoder says closed: the end must be as stiff as blade on blade, where that is looked for.
+    fn closed(&self, result: BiteResult, position_mm: f64) -> Result<BiteEnd, BiteError> {
+        let Some(blades) = self.spec.blades else {
+            return Ok(self.end(result, position_mm));
+        };
+        // A limit that is near to the free current leaves less room to rise.
+        const SHARE_OF_ROOM: f64 = 0.7;
+        let room_ma = SHARE_OF_ROOM * (self.limit_ma - self.contact.free_ma());
+        let (rise_ma, needed_ma) = (self.steepness.rise_ma(), blades.current_ma.min(room_ma));
+        if rise_ma >= needed_ma {
+            return Ok(self.end(result, position_mm));
         }
+        Err(BiteError::BladesNotFelt {
+            end: self.end(BiteResult::Stalled, position_mm),
+            rise_ma,
+            needed_ma,
+        })
     }
 
     fn closed_on(&self) -> BiteResult {

@@ -3,6 +3,7 @@
 //! Motions are futures that this task polls itself. To stop one is to drop it: from then on it sends nothing, and the
 //! quick stop that follows overtakes whatever of it has not reached the bus.
 
+mod admission;
 mod board;
 mod commands;
 mod handle;
@@ -10,16 +11,15 @@ mod link;
 mod motion;
 mod process_data;
 mod session;
+mod watching;
 
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use arthro_authority::{Begin, Leases, Operation, Operations, Outcome, REMEMBERED_OPERATIONS};
+use arthro_authority::{Leases, Operations, Outcome, REMEMBERED_OPERATIONS};
 use arthro_bootstrap::Drain;
-use epos4_link::frame::error::Class;
-use epos4_link::network::Event;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 pub use self::board::{AxisState, BusCondition, BusState, I2t, Identity, Readiness, Snapshot};
@@ -28,21 +28,18 @@ pub use self::handle::Handle;
 
 use self::board::Board;
 use self::handle::{Request, StopRequest};
-use self::link::Link;
 use self::motion::{Ended, Running};
 use self::session::{ByAddress, Session, Step, Way};
 use crate::axis::Axis;
 use crate::bite::Jaw;
 use crate::config::Cell;
-use crate::error::{Failure, Refusal};
-use crate::supervisor::{self, Fault, Finding, Supervisor};
+use crate::error::Refusal;
+use crate::supervisor::Supervisor;
 
 /// How often leases are looked at.
 const TICK: Duration = Duration::from_millis(20);
 /// Commands that wait for the owner.
 const REQUEST_QUEUE_LEN: usize = 64;
-/// The emergency of safe torque off.
-const SAFE_TORQUE_OFF: u16 = 0x8A88;
 /// How long a shutdown waits for the drives to confirm.
 const SHUTDOWN_STOP_LIMIT: Duration = Duration::from_secs(2);
 
@@ -211,142 +208,6 @@ impl Drives {
         }
     }
 
-    fn on_event(&mut self, event: Event, now: Duration) {
-        let mut findings = self.supervisor.on_time(now);
-        match event {
-            Event::Heartbeat {
-                node_id,
-                state,
-                stamp,
-            } => {
-                if let Some(axis) = self.axis_of(node_id) {
-                    self.session.on_heartbeat(axis, state);
-                    findings.extend(self.supervisor.on_heartbeat(axis, state, stamp));
-                }
-            }
-            Event::Emergency { node_id, emergency } => {
-                if let Some(axis) = self.axis_of(node_id) {
-                    tracing::warn!(%axis, code = format!("0x{:04X}", emergency.code), "emergency");
-                    if emergency.code == SAFE_TORQUE_OFF {
-                        self.board
-                            .update_axis(axis, |state| state.safe_torque_off = Some(true));
-                    }
-                    findings.extend(self.supervisor.on_emergency(axis, emergency));
-                }
-            }
-            Event::Pdo {
-                node_id,
-                number,
-                data,
-                stamp,
-            } => {
-                if let Some(axis) = self.axis_of(node_id)
-                    && let Err(failure) = self.session.on_pdo(axis, number, &data, stamp)
-                    && let Some(fault) = failure.fault()
-                {
-                    findings.push(Finding::Fault(axis, fault));
-                }
-            }
-            Event::DuplicateNode { node_id, evidence } => {
-                if let Some(axis) = self.axis_of(node_id) {
-                    findings.push(Finding::duplicate(axis, node_id, evidence));
-                }
-            }
-            Event::BusError { report } => {
-                tracing::warn!(%report, "can controller");
-                self.session.on_report(&report);
-                findings.extend(supervisor::on_report(&report));
-                if report.has(Class::BUS_OFF) {
-                    self.on_bus_off(&report.to_string());
-                }
-            }
-            Event::OtherMaster { sign } => {
-                tracing::warn!(?sign, "somebody else commands nodes of this bus");
-            }
-        }
-        // Whoever waits for the time has the data of that time.
-        self.session.on_time(now);
-        for finding in findings {
-            match finding {
-                Finding::Fault(axis, fault) => self.on_fault(axis, fault),
-                Finding::Started(axis) => {
-                    let why = "the drive has just started";
-                    self.session.set_up_anew(axis, "UNEXPECTED_BOOT_UP", why);
-                }
-            }
-        }
-    }
-
-    fn axis_of(&self, node_id: u8) -> Option<Axis> {
-        self.cell
-            .axes
-            .iter()
-            .map(|axis| &axis.spec)
-            .find(|spec| spec.node_id == node_id)
-            .map(|spec| spec.axis)
-    }
-
-    /// Latches a fault, ends every operation, stops every drive. A drive that may have lost its settings is set up anew.
-    fn on_fault(&mut self, axis: Axis, fault: Fault) {
-        if fault.loses_settings() {
-            self.supervisor.unwatch(axis);
-            self.session.set_up_anew(axis, fault.reason, &fault.detail);
-        }
-        let is_new = self.supervisor.latch(axis, fault.clone());
-        if is_new {
-            tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
-            // In one, so that nobody sees a jaw that is known beside a fault.
-            self.board.update(|state| {
-                state.axes[axis.index()].fault = Some(fault.clone());
-                state.jaw = Jaw::Unknown;
-            });
-        }
-        if is_new || !self.running.is_empty() {
-            // A limit switch that is pressed by hand is what commissioning waits for.
-            let (going_on, ended): (Vec<Running>, Vec<Running>) = std::mem::take(&mut self.running)
-                .into_iter()
-                .partition(|running| {
-                    fault.reason == "LIMIT_SWITCH"
-                        && matches!(&running.command, Command::CommissionSwitches { axis: own, .. } if *own == axis)
-                });
-            self.running = going_on;
-            let failure = Failure::Fault { axis, fault };
-            for running in ended {
-                let outcome = Outcome::Failed {
-                    reason: failure.reason().to_owned(),
-                    detail: failure.to_string(),
-                };
-                self.finish(running, outcome, None);
-            }
-            self.session.begin_stop();
-        }
-    }
-
-    /// The controller comes back when a person recovers an axis.
-    fn on_bus_off(&mut self, report: &str) {
-        self.session.hold("BUS_OFF", report);
-        for axis in Axis::ALL {
-            self.supervisor.unwatch(axis);
-        }
-        self.answer_stops(&Err(Refusal::StopNotConfirmed(report.to_owned())));
-    }
-
-    fn on_bus_lost(&mut self, reason: &'static str, error: &str) {
-        tracing::warn!(reason, error, "bus lost");
-        let lost: Vec<Axis> = Axis::ALL
-            .into_iter()
-            .filter(|axis| self.board.is_ready(*axis))
-            .collect();
-        self.session.disconnect(reason, error);
-        for axis in Axis::ALL {
-            self.supervisor.unwatch(axis);
-        }
-        for axis in lost {
-            self.on_fault(axis, Fault::new(reason, error));
-        }
-        self.answer_stops(&Err(Refusal::StopNotConfirmed(error.to_owned())));
-    }
-
     fn on_ended(&mut self, place: usize, ended: Ended) {
         let running = self.running.remove(place);
         match ended {
@@ -472,160 +333,6 @@ impl Drives {
             });
         }
         Ok(self.leases.release(token, self.now())?)
-    }
-
-    fn on_command(
-        &mut self,
-        authorization: &Authorization,
-        command: Command,
-    ) -> Result<Ticket, Refusal> {
-        let Authorization {
-            fencing_token,
-            operation_id,
-        } = authorization;
-        self.leases.check(*fencing_token, self.now())?;
-        let fingerprint = format!("{command:?}");
-        if self.operations.get(operation_id).is_none() {
-            self.admit(&command)?;
-        }
-        match self
-            .operations
-            .begin(operation_id, fingerprint.as_bytes())?
-        {
-            Begin::Repeated(operation) => Ok(self.repeated(operation)),
-            Begin::New => self.begin(operation_id, command),
-        }
-    }
-
-    fn repeated(&self, operation: Operation) -> Ticket {
-        let running = self
-            .running
-            .iter()
-            .find(|running| running.id == operation.id);
-        let reports = match running {
-            Some(running) => running.reports.subscribe(),
-            None => {
-                let ended = self.ended.get(&operation.id).cloned();
-                watch::channel(ended.unwrap_or_else(|| Report::of(operation))).1
-            }
-        };
-        Ticket {
-            reports,
-            repeated: true,
-        }
-    }
-
-    /// Whether the state of the drives allows the command.
-    fn admit(&self, command: &Command) -> Result<(), Refusal> {
-        if self.session.is_stopping() {
-            return Err(Refusal::Stopping);
-        }
-        if let Command::Write { address, .. } = command
-            && motion::is_reserved(*address)
-        {
-            return Err(Refusal::ObjectReserved(*address));
-        }
-        if let Command::CommissionSwitches { axis, .. } = command
-            && self.cell.axes[axis.index()].switches.is_empty()
-        {
-            return Err(Refusal::NoSwitches { axis: *axis });
-        }
-        let state = self.board.snapshot();
-        for axis in command.axes() {
-            let axis_state = &state.axes[axis.index()];
-            if let Some(operation_id) = &axis_state.operation_id {
-                return Err(Refusal::AxisMoving {
-                    axis: *axis,
-                    operation_id: operation_id.clone(),
-                });
-            }
-            // A recovery waits for its drive.
-            if !matches!(command, Command::Recover(_)) {
-                self.link(*axis)?;
-            }
-            if !command.moves() {
-                continue;
-            }
-            if let Some(fault) = self.supervisor.fault(*axis) {
-                return Err(Refusal::AxisFaulted {
-                    axis: *axis,
-                    fault: fault.clone(),
-                });
-            }
-            if command.needs_reference() && !axis_state.is_homed() {
-                return Err(Refusal::NotHomed { axis: *axis });
-            }
-        }
-        Ok(())
-    }
-
-    fn begin(&mut self, operation_id: &str, command: Command) -> Result<Ticket, Refusal> {
-        let operation = self
-            .operations
-            .get(operation_id)
-            .cloned()
-            .ok_or(Refusal::ShuttingDown)?;
-        let (reports, watcher) = watch::channel(Report::of(operation));
-        let work = self.work(&command, reports.clone())?;
-        tracing::info!(operation = operation_id, ?command, "operation begins");
-        self.board.update(|state| {
-            for axis in command.axes() {
-                let axis = &mut state.axes[axis.index()];
-                axis.operation_id = Some(operation_id.to_owned());
-                axis.moving = command.moves();
-            }
-            if command.moves() && command.axes().contains(&Axis::ForcepsFeed) {
-                state.jaw = Jaw::Moving;
-            }
-        });
-        self.running.push(Running {
-            id: operation_id.to_owned(),
-            command,
-            reports,
-            future: work,
-        });
-        Ok(Ticket {
-            reports: watcher,
-            repeated: false,
-        })
-    }
-
-    fn work(&mut self, command: &Command, reports: watch::Sender<Report>) -> Result<Work, Refusal> {
-        let cell = self.cell.clone();
-        if let Command::Recover(axes) = command {
-            self.prepare_recovery(axes);
-            let (links, board) = (self.session.links(), self.board.clone());
-            let command = command.clone();
-            return Ok(Box::pin(async move {
-                let links = links.ready(&board, command.axes()).await?;
-                motion::carry_out(cell, command, links, reports).await
-            }));
-        }
-        let links = command.axes().iter().map(|axis| self.link(*axis));
-        let links = links.collect::<Result<Vec<Link>, Refusal>>()?;
-        Ok(motion::carry_out(cell, command.clone(), links, reports))
-    }
-
-    /// A person has seen the faults: a bus that was left is joined again, and a drive that is another is accepted.
-    fn prepare_recovery(&mut self, axes: &[Axis]) {
-        for axis in axes {
-            self.board.update_axis(*axis, |state| {
-                if let Readiness::NotReady {
-                    reason: "WRONG_NODE",
-                    ..
-                } = state.readiness
-                {
-                    state.identity = None;
-                }
-            });
-        }
-        self.session.recover();
-    }
-
-    fn link(&self, axis: Axis) -> Result<Link, Refusal> {
-        self.session
-            .link(axis)
-            .map_err(|why| Refusal::AxisNotReady { axis, why })
     }
 }
 

@@ -32,7 +32,11 @@ impl Service for Server {
 
     async fn build(config: Self::Config, drain: Drain) -> Result<Routes, BoxError> {
         let (drives, handle) = drives::Drives::new(config.check()?);
-        tokio::spawn(drives.run(drain.clone()));
+        let (hold, draining) = (drain.hold(), drain.clone());
+        tokio::spawn(async move {
+            drives.run(draining).await;
+            drop(hold);
+        });
         Ok(Routes::new(InstrumentServiceServer::new(
             server::Instrument::new(handle, drain),
         )))

@@ -108,11 +108,11 @@ impl Drives {
         response.into_inner().drives
     }
 
-    /// Enables a drive and lets it move by this many quadcounts; until it stands.
-    async fn move_by(&mut self, node_id: u8, distance_qc: i64) {
-        self.write(node_id, objects::TARGET_POSITION, distance_qc)
+    /// Enables a drive and lets it move to this position as it counts; until it stands.
+    async fn move_to(&mut self, node_id: u8, target_qc: i64) {
+        self.write(node_id, objects::TARGET_POSITION, target_qc)
             .await;
-        for controlword in [0x06, 0x0F, 0x5F] {
+        for controlword in [0x06, 0x0F, 0x1F] {
             self.write(node_id, objects::CONTROLWORD, controlword).await;
         }
         let mut standing = 0;
@@ -157,7 +157,7 @@ async fn the_jaw_presses_on_its_block_with_what_the_current_limit_leaves() {
         drives
             .write(2, objects::OUTPUT_CURRENT_LIMIT, limit_ma)
             .await;
-        drives.move_by(2, 9 * 21_504).await;
+        drives.move_to(2, 9 * 21_504).await;
         let jaw = drives.truth().await.remove(1);
         let Some(Position::PositionMm(feed_mm)) = jaw.position else {
             panic!("{jaw:?}")
@@ -172,7 +172,7 @@ async fn the_jaw_presses_on_its_block_with_what_the_current_limit_leaves() {
         );
         assert_eq!(jaw.drive_state, "OPERATION_ENABLED");
         drives.write(2, objects::OUTPUT_CURRENT_LIMIT, 800).await;
-        drives.move_by(2, -9 * 21_504).await;
+        drives.move_to(2, 0).await;
     }
     drives.stop();
 }

@@ -1,6 +1,7 @@
 //! Feels by the current where the jaw meets something.
 //!
-//! The current of the free jaw is learnt in the first part of the stroke, once the motor has its speed. From then on a
+//! The current of the free jaw is learnt in the first part of the stroke, once the motor has its speed, and followed where
+//! it changes slowly. From then on a
 //! current that is above both the configured one and the free one by a rise is contact. Where it began is later told from
 //! the samples around: between the last one that was still free and the line through those on the way up.
 
@@ -36,6 +37,8 @@ pub struct ContactWatch {
     last_free_mm: f64,
     /// The first sample above the free current since the last one that was free: where, and by how much.
     rising_from: Option<(f64, f64)>,
+    /// The current has risen by half of what is contact.
+    suspected: bool,
     contact: Option<Contact>,
     peak_ma: f64,
 }
@@ -62,6 +65,8 @@ impl ContactWatch {
     const SETTLING: Duration = Duration::from_millis(50);
     /// Currents nearer to the free one than this are free, mA: the drive tells whole mA, and ripples.
     const LEAST_NOISE_MA: f64 = 4.0;
+    /// The free current is followed over this distance, mm: springs and friction change slowly, tissue does not.
+    const FOLLOWED_OVER_MM: f64 = 2.0;
 
     /// Closing begins here and now.
     pub fn new(spec: ContactSpec, start_mm: f64, started: Duration) -> Self {
@@ -74,6 +79,7 @@ impl ContactWatch {
             free: false,
             last_free_mm: start_mm,
             rising_from: None,
+            suspected: false,
             contact: None,
             peak_ma: 0.0,
         }
@@ -87,6 +93,16 @@ impl ContactWatch {
     /// The first contact.
     pub fn contact(&self) -> Option<Contact> {
         self.contact
+    }
+
+    /// Whether the jaw meets something, or seems about to.
+    pub fn is_suspected(&self) -> bool {
+        self.suspected || self.contact.is_some()
+    }
+
+    /// The current of the free jaw as far as it was learnt, mA.
+    pub fn free_ma(&self) -> f64 {
+        self.learnt.mean_ma
     }
 
     /// The highest current since the motor had its speed, mA.
@@ -114,10 +130,13 @@ impl ContactWatch {
         }
         let excess_ma = self.excess_ma(learning_from_mm, position_mm, current_ma);
         if excess_ma <= self.noise_ma() {
+            let share = (position_mm - self.last_free_mm) / Self::FOLLOWED_OVER_MM;
+            self.learnt.mean_ma += excess_ma * share.clamp(0.0, 1.0);
             self.last_free_mm = position_mm;
             self.rising_from = None;
             return;
         }
+        self.suspected |= excess_ma >= 0.5 * self.spec.rise_ma;
         let (from_mm, from_ma) = *self.rising_from.get_or_insert((position_mm, excess_ma));
         if excess_ma >= self.spec.rise_ma && current_ma >= self.spec.current_ma {
             self.contact = Some(Contact {
@@ -286,10 +305,11 @@ mod tests {
             first_look_s in 0.0..0.01_f64,
             friction_ma in 10.0..75.0_f64,
             ripple_ma in 0.0..3.0_f64,
+            spring_ma_per_mm in 0.0..1.5_f64,
         ) {
             let ripple = |look: u32| ripple_ma * f64::from(look * 7 % 11) / 5.5 - ripple_ma;
             let watch = close(SPEC, friction_ma, first_look_s, ripple, |mm| {
-                stiffness_ma_per_mm * (mm - at_mm)
+                spring_ma_per_mm * mm + stiffness_ma_per_mm * (mm - at_mm).max(0.0)
             });
             let found_mm = watch.contact().unwrap().position_mm.unwrap();
             prop_assert!((found_mm - at_mm).abs() <= 0.1, "{} instead of {}", found_mm, at_mm);

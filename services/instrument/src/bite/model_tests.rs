@@ -144,6 +144,14 @@ fn tissues() -> impl Strategy<Value = Tissue> {
     )
 }
 
+/// Menisci are soft beside blades; what is as stiff as they are cannot be told from them.
+fn soft_tissues() -> impl Strategy<Value = Tissue> {
+    tissues().prop_map(|tissue| Tissue {
+        stiffness_ma_per_mm: tissue.stiffness_ma_per_mm.min(250.0),
+        ..tissue
+    })
+}
+
 fn jaws(
     tissues: impl Strategy<Value = Option<Tissue>>,
     defects: impl Strategy<Value = Defect>,
@@ -194,11 +202,18 @@ proptest! {
     }
 
     #[test]
-    fn an_empty_jaw_whose_belt_slips_is_not_told_to_be_closed(
-        mut model in jaws(Just(None), (0.5..0.97_f64).prop_map(|share| Defect::Slips { share })),
+    fn a_jaw_whose_belt_slips_is_not_told_to_be_closed(
+        mut model in jaws(
+            proptest::option::of(soft_tissues()),
+            (0.5..0.97_f64).prop_map(|share| Defect::Slips { share }),
+        ),
     ) {
         let ended = model.bite();
-        prop_assert!(ended.is_err(), "{:?} at {} mm", ended, model.true_mm);
+        let closed_from_mm = model.spec.closed_from_mm() - TOLERANCE_MM;
+        prop_assert!(
+            ended.is_err() || model.true_mm >= closed_from_mm,
+            "{:?} at {} mm", ended, model.true_mm
+        );
     }
 
     #[test]
@@ -220,7 +235,9 @@ proptest! {
             Ok(_) => {}
             Err(error) => {
                 prop_assert!(!is_empty, "{}", error);
-                prop_assert_eq!(error.end().map(|end| end.result), Some(BiteResult::NotClosed));
+                // Soft and pressed to where it counts as closed is not shown to be.
+                let is_doubt = matches!(error, BiteError::NotClosed { .. } | BiteError::BladesNotFelt { .. });
+                prop_assert!(is_doubt, "{}", error);
             }
         }
     }

@@ -186,9 +186,16 @@ fn a_belt_that_slips_is_seen_by_blades_that_are_not_felt() {
     let error = bench.arrive(40.0).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "reached 10.100 mm with at most 40 mA, but blade on blade draws 150 mA: the encoder and the jaw do not go together"
+        "at 10.100 mm after a rise of 0 mA over the last 0.2 mm, but blade on blade rises by 150 mA: the encoder and the \
+         jaw do not go together, or the jaw is not closed"
     );
     assert_eq!(error.end().unwrap().result.jaw(), Jaw::Unknown);
+    // Also on tissue, which presses back and is soft.
+    let soft = |mm: f64| 40.0 + 130.0 * (mm - 8.7).max(0.0);
+    let mut on_tissue = Bench::default();
+    on_tissue.close(10.1, soft);
+    let error = on_tissue.arrive(soft(10.1)).unwrap_err();
+    assert!(matches!(error, BiteError::BladesNotFelt { .. }), "{error}");
     // Not looked for, it is not seen.
     let mut blind = Bench::new(spec_with(|bite| bite.blades_touch_current_ma = 0.0));
     blind.close(10.0, |_| 40.0);

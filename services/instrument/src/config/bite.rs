@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{ConfigError, bad, within};
 use crate::axis::{AxisSpec, Travel};
 use crate::bite::contact::ContactSpec;
-use crate::bite::{BiteSpec, Blades};
+use crate::bite::{BiteSpec, Blades, Press};
 use crate::force::ForceTable;
 
 /// The bite of the forceps feed.
@@ -20,6 +20,11 @@ pub struct BiteConfig {
     pub closed_tolerance_mm: f64,
     /// Closing speed, mm/s.
     pub speed_mm_s: f64,
+    /// Speed from contact on, and where the blades are about to touch, mm/s. The faster, the more the motor's momentum
+    /// presses beyond what the current does.
+    pub press_speed_mm_s: f64,
+    /// How far before the blades touch the jaw becomes slow, mm.
+    pub press_from_mm: f64,
     /// The highest current of a bite, mA.
     pub current_limit_ma: f64,
     /// A current below this while closing is no contact, mA.
@@ -30,7 +35,8 @@ pub struct BiteConfig {
     pub free_running_mm: f64,
     /// What the jaw's spring adds to that current, mA/mm.
     pub spring_ma_per_mm: f64,
-    /// What blade on blade draws at least, mA; 0: it is not looked for, and a slipping belt passes for a closed jaw.
+    /// How much the current rises over the last 0.2 mm when blade meets blade, at least, mA; 0: it is not looked for, and
+    /// a slipping belt passes for a closed jaw.
     pub blades_touch_current_ma: f64,
     /// How far the feed presses on to feel it, mm.
     pub blades_touch_mm: f64,
@@ -46,6 +52,8 @@ impl Default for BiteConfig {
             closed_mm: 10.0,
             closed_tolerance_mm: 0.3,
             speed_mm_s: 5.0,
+            press_speed_mm_s: 0.8,
+            press_from_mm: 0.4,
             current_limit_ma: 500.0,
             contact_current_ma: 120.0,
             contact_rise_ma: 40.0,
@@ -94,6 +102,15 @@ impl BiteConfig {
             speed_mm_s: within("bite.speed_mm_s", self.speed_mm_s, positive, feed.speed)?,
             acceleration_mm_s2: feed.acceleration,
         };
+        let press = Press {
+            speed_mm_s: within(
+                "bite.press_speed_mm_s",
+                self.press_speed_mm_s,
+                0.05,
+                contact.speed_mm_s,
+            )?,
+            from_mm: within("bite.press_from_mm", self.press_from_mm, 0.0, stroke_mm)?,
+        };
         let blades_ma = within(
             "bite.blades_touch_current_ma",
             self.blades_touch_current_ma,
@@ -127,6 +144,7 @@ impl BiteConfig {
             )?,
             current_limit_ma,
             contact,
+            press,
             blades,
             force,
         })

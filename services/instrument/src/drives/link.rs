@@ -155,6 +155,30 @@ impl Link {
         .await?;
         node.write(objects::TARGET_POSITION, drivetrain.to_quadcounts(target))
             .await?;
+        let started = self.take_set_point().await?;
+        Ok(positioning::Watch::new(
+            spec,
+            drivetrain.to_position(actual),
+            target,
+            speed,
+            started,
+        ))
+    }
+
+    /// Has the move under way go on to its target at another speed, unit/s. It is reached on the ramp of a quick stop.
+    pub(super) async fn change_speed(&self, speed: f64) -> Result<(), Failure> {
+        let (node, spec) = (&self.node, self.spec());
+        let deceleration = spec.drivetrain.to_rpm(spec.quick_stop_deceleration);
+        node.write(objects::PROFILE_DECELERATION, deceleration)
+            .await?;
+        node.write(objects::PROFILE_VELOCITY, spec.drivetrain.to_rpm(speed))
+            .await?;
+        self.take_set_point().await.map(|_| ())
+    }
+
+    /// Has the drive take target and profile at once; when it began.
+    async fn take_set_point(&self) -> Result<Duration, Failure> {
+        let node = &self.node;
         let enabled = Command::EnableOperation.controlword();
         let start = enabled | profile_position::NEW_SETPOINT | profile_position::CHANGE_IMMEDIATELY;
         node.write(objects::CONTROLWORD, enabled).await?;
@@ -188,13 +212,7 @@ impl Link {
             )?;
         }
         node.write(objects::CONTROLWORD, enabled).await?;
-        Ok(positioning::Watch::new(
-            spec,
-            drivetrain.to_position(actual),
-            target,
-            speed,
-            started,
-        ))
+        Ok(started)
     }
 
     /// Brakes on the quick stop ramp; returns when the drive stands and no longer obeys targets.

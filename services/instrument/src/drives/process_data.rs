@@ -42,6 +42,8 @@ pub(super) struct Image {
     stamps: [Option<Duration>; 3],
     /// How often each part was sent.
     frames: [u64; 3],
+    /// Which parts the drive was asked for since and had otherwise: what was sent is behind an order.
+    behind: [bool; 3],
 }
 
 /// The image of one axis and the clock of the bus, for whoever waits for either. Clones are the same.
@@ -113,6 +115,7 @@ impl Image {
         self.values = values;
         self.stamps[part.index()] = Some(stamp);
         self.frames[part.index()] += 1;
+        self.behind[part.index()] = false;
         true
     }
 
@@ -140,14 +143,20 @@ impl Image {
         Part::ALL.into_iter().filter(differs).collect()
     }
 
-    fn confirm(&mut self, asked: &Values, stamp: Duration) {
-        let values = self.values;
-        let same = Part::ALL
-            .into_iter()
-            .filter(|part| part.is_same(&values, asked));
-        for part in same {
-            let last = &mut self.stamps[part.index()];
-            *last = last.map(|last| last.max(stamp));
+    /// Whether a part was otherwise when the drive was asked, and has not been sent since.
+    pub(super) fn is_behind(&self, part: Part) -> bool {
+        self.behind[part.index()]
+    }
+
+    fn confirm(&mut self, before: &Self, asked: &Values, stamp: Duration) {
+        for part in Part::ALL {
+            if part.is_same(&self.values, asked) {
+                let last = &mut self.stamps[part.index()];
+                *last = last.map(|last| last.max(stamp));
+                self.behind[part.index()] = false;
+            } else if !self.is_newer(part, before) {
+                self.behind[part.index()] = true;
+            }
         }
     }
 }
@@ -200,9 +209,10 @@ impl ProcessData {
         is_taken
     }
 
-    /// The drive was asked: the parts that it has as it sent them are confirmed.
-    pub(super) fn confirm(&self, asked: &Values, stamp: Duration) {
-        self.image.send_modify(|image| image.confirm(asked, stamp));
+    /// The drive was asked when the image was as `before`: the parts that it has as it sent them are confirmed.
+    pub(super) fn confirm(&self, before: &Image, asked: &Values, stamp: Duration) {
+        self.image
+            .send_modify(|image| image.confirm(before, asked, stamp));
     }
 
     /// Waits for an image as wanted.
@@ -268,12 +278,23 @@ mod tests {
             current_ma: 7,
             ..Values::default()
         };
-        image.confirm(&asked, ms(9));
+        let before = image;
+        image.confirm(&before, &asked, ms(9));
+        assert_eq!(
+            Part::ALL.map(|part| image.is_behind(part)),
+            [false, true, false]
+        );
         assert_eq!(image.differing(&asked), [Part::Motion]);
         assert_eq!(
             Part::ALL.map(|part| image.stamp(part)),
             [Some(ms(9)), Some(ms(1)), Some(ms(9))]
         );
+        let moved = Data::new(&[1, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+        assert!(image.take(MOTION_PDO, &moved, ms(10)));
+        assert!(!image.is_behind(Part::Motion));
+        // What was sent while the drive was asked is newer than the answer.
+        image.confirm(&before, &asked, ms(9));
+        assert!(!image.is_behind(Part::Motion));
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct Drives {
 
 /// Drives could be configured to answer each other's process data without end; this many frames are delivered at once.
 const CONVERSATION_MAX: usize = 256;
+/// So many frames wait for their time; more are lost.
+const HELD_MAX: usize = 4096;
 /// The serial number of a drive that has another one's node id.
 const DUPLICATE_SERIAL: u32 = 0xD0B1_E000;
 
@@ -113,6 +115,12 @@ impl Drives {
         &mut self.faults
     }
 
+    /// How many frames wait for their time.
+    #[cfg(test)]
+    pub fn held_len(&self) -> usize {
+        self.held.len()
+    }
+
     /// Brings the drives to what the faults say.
     fn suffer(&mut self) {
         for node in &mut self.nodes {
@@ -185,10 +193,10 @@ fn put(
 ) -> Option<(usize, Frame)> {
     match faults.fate(node_id, frame) {
         Fate::Sent(frame) => Some((sender, frame)),
-        Fate::Held(frame, delay_s) => {
+        Fate::Held(frame, delay_s) if held.len() < HELD_MAX => {
             held.push((now_s + delay_s, sender, frame));
             None
         }
-        Fate::Lost => None,
+        Fate::Held(..) | Fate::Lost => None,
     }
 }

@@ -1,20 +1,9 @@
 //! The errors of a drive: which bit of the error register and which reaction belong to a code, and the history.
 
-use epos4_link::canopen::emcy::Emergency;
+use epos4_link::canopen::emcy::{self, Emergency, Reaction};
 
 use super::objects::Objects;
 use epos4_link::objects;
-
-/// How a drive answers an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reaction {
-    /// Power off at once.
-    Disable,
-    /// By the fault reaction option code 0x605E.
-    FaultOption,
-    /// By the abort connection option code 0x6007.
-    AbortConnection,
-}
 
 /// Codes that the simulated drive raises itself.
 pub mod code {
@@ -102,27 +91,19 @@ pub fn clear_history(objects: &mut Objects) {
     }
 }
 
-/// Bit of the error register, and reaction, of a code.
+/// Bit of the error register, and reaction, of a code. One that no table has is generic and disables.
 #[must_use]
 pub fn effect(code: u16) -> (u8, Reaction) {
-    use Reaction::{AbortConnection, Disable, FaultOption};
-    match code {
-        0x2310 | 0x2320 => (0x02, Disable),
-        0x3210 | 0x3220 | 0x5113 => (0x04, Disable),
-        0x4210 | 0x4380 => (0x08, Disable),
-        0x6320 => (0x01, FaultOption),
-        0x6081 => (0x01, AbortConnection),
-        0x7320..=0x7392 => (0x20, Disable),
-        0x8110..=0x8250 => (0x10, AbortConnection),
-        0x8611 | 0x8A80..=0x8A82 => (0x80, FaultOption),
-        0xFF10 => (0x20, FaultOption),
-        0xFF12..=0xFF21 => (0x20, Disable),
-        _ => (0x01, Disable),
-    }
+    emcy::fact(code).map_or((GENERIC, Reaction::Disable), |fact| {
+        (fact.register, fact.reaction)
+    })
 }
+
+/// Bit 0 of object 0x1001.
+const GENERIC: u8 = 0x01;
 
 /// Whether an error makes the position worthless: the encoder cannot be trusted.
 #[must_use]
 pub fn loses_reference(code: u16) -> bool {
-    matches!(code, 0x7380..=0x7382 | 0x7388..=0x738A | 0x7392 | 0xFF02)
+    emcy::fact(code).is_some_and(|fact| fact.clears_reference)
 }

@@ -48,7 +48,9 @@ impl Link {
 
     /// Measures by asking the drive, and shows the measurement on the board: for what must be known after an order.
     pub(in super::super) async fn ask(&self) -> Result<Sample, Failure> {
+        let before = self.process_data.image();
         let (values, stamp) = self.asked().await?;
+        self.process_data.confirm(&before, &values, stamp);
         self.show(self.measured(values, stamp))
     }
 
@@ -57,7 +59,7 @@ impl Link {
     async fn confirm(&self) -> Result<Sample, Failure> {
         let before = self.process_data.image();
         let (values, stamp) = self.asked().await?;
-        self.process_data.confirm(&values, stamp);
+        self.process_data.confirm(&before, &values, stamp);
         let differing = before.differing(&values);
         let came = self.process_data.until(|image| {
             let mut differing = differing.iter();
@@ -68,8 +70,9 @@ impl Link {
             _ = came => return self.show(self.measured(values, stamp)),
             () = self.process_data.past(stamp + LATE_LIMIT) => {}
         }
+        let since = self.process_data.image();
         let (values, stamp) = self.asked().await?;
-        self.process_data.confirm(&values, stamp);
+        self.process_data.confirm(&since, &values, stamp);
         let image = self.process_data.image();
         let still_differing = image.differing(&values);
         let is_lost =
@@ -184,8 +187,11 @@ fn due(image: &Image) -> Option<Duration> {
     Some(status?.min(motion?).min(inputs?))
 }
 
-/// Whether no part is older than its limit when the newest came.
+/// Whether no part is older than its limit when the newest came, or behind what the drive said after an order.
 fn is_current(image: &Image) -> bool {
+    if Part::ALL.into_iter().any(|part| image.is_behind(part)) {
+        return false;
+    }
     let newest = Part::ALL
         .into_iter()
         .filter_map(|part| image.stamp(part))

@@ -1,5 +1,7 @@
 //! Closing the jaw, with the current limited and the lag not: tissue may hold the jaw anywhere on its way.
 
+use epos4_link::objects;
+
 use super::referenced;
 use crate::bite::{BiteEnd, Watch};
 use crate::drives::link::{Link, Profile};
@@ -18,9 +20,29 @@ pub(super) async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, 
     };
     link.begin_profile(profile).await?;
     watch.begin(link.ask().await?.stamp);
+    let mut presses = false;
     loop {
-        if let Some(ended) = watch.observe(&link.sample().await?) {
-            return Ok(ended?);
+        match watch.observe(&link.sample().await?) {
+            None if watch.presses() && !presses => {
+                link.change_speed(bite.press.speed_mm_s).await?;
+                presses = true;
+            }
+            None => {}
+            Some(Ok(end)) => return Ok(end),
+            Some(Err(error)) => {
+                press_no_more(link).await;
+                return Err(error.into());
+            }
         }
+    }
+}
+
+/// Behind an encoder that stands still, the drive would go on pressing with the whole current, also in quick stop. The
+/// screw holds the jaw without any.
+async fn press_no_more(link: &Link) {
+    let limit_ma = link.cell().bite.contact.current_ma.round() as u32;
+    let limit = objects::OUTPUT_CURRENT_LIMIT;
+    if let Err(error) = link.node().write_urgently(limit, limit_ma).await {
+        tracing::error!(axis = %link.axis(), %error, "the current of a bite that failed is not taken back");
     }
 }

@@ -54,6 +54,12 @@ async fn tissue_that_stops_the_jaw_on_the_way_is_not_bitten_and_the_jaw_opens_ag
     assert!((end.contact_mm.unwrap() - 6.0).abs() < 0.5, "{end:?}");
     assert_eq!(world.handle.snapshot().jaw, Jaw::Unknown);
     assert_eq!(world.fault(Axis::ForcepsFeed), "", "the drive obeys");
+    let drive = world.cell.drive(FORCEPS_FEED);
+    assert_eq!(
+        drive.get(objects::OUTPUT_CURRENT_LIMIT),
+        120,
+        "what could not be bitten is not pressed any longer"
+    );
     world
         .cell
         .until(FORCEPS_FEED, |drive| drive.state == State::QuickStopActive)
@@ -95,8 +101,8 @@ async fn thin_tissue_is_held_closed() {
     let again = world.run(BITE).await;
     assert_eq!(again.operation.reason, "JAW_NOT_OPEN");
     assert_eq!(
-        world.cell.drive(FORCEPS_FEED).targets_qc.len(),
-        1,
+        world.cell.drive(FORCEPS_FEED).targets_qc,
+        drive.targets_qc,
         "the refused bite sent no target"
     );
 }
@@ -176,7 +182,9 @@ async fn a_bite_is_streamed_and_ends_with_jaw_and_peak_also_when_repeated() {
         assert!(last.peak_current_ma > 200.0);
         assert!(!last.state.as_ref().unwrap().moving);
     }
-    assert_eq!(world.cell.drive(FORCEPS_FEED).targets_qc.len(), 1);
+    let targets_qc = world.cell.drive(FORCEPS_FEED).targets_qc;
+    assert_eq!(targets_qc.len(), 2, "first at closing speed, then slowly");
+    assert_eq!(targets_qc[0], targets_qc[1]);
 }
 
 /// Whatever is commanded in whatever order, with whatever between the blades.

@@ -1,5 +1,5 @@
 use epos4_link::canopen::{heartbeat, nmt};
-use epos4_link::frame::error::Report as ControllerReport;
+use epos4_link::frame::error::{Class, Report as ControllerReport};
 
 use super::*;
 

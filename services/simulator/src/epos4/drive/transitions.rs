@@ -1,10 +1,10 @@
 //! The transitions of CiA 402: what commands, inputs and errors make of the state, and the ramps to standstill that some
 //! of them wait for.
 
+use epos4_link::canopen::emcy::Reaction;
 use epos4_link::cia402::{Command, State};
 
 use super::Drive;
-use crate::epos4::errors::Reaction;
 use crate::epos4::inputs::Permission;
 use crate::epos4::interpolation::Interpolation;
 use crate::epos4::objects::Power;

@@ -3,6 +3,7 @@
 mod cyclic;
 mod defects;
 mod errors;
+mod fuzz;
 mod homing;
 mod inputs;
 mod machine;
