@@ -169,11 +169,13 @@ impl Watch {
         let elapsed = stamp.saturating_sub(self.started);
         let attained = statusword.has(Statusword::HOMING_ATTAINED);
         let stands = statusword.has(Statusword::TARGET_REACHED);
-        self.cleared |= !(attained || stands) || elapsed > Self::CLEARS_WITHIN;
+        let failed = statusword.has(Statusword::HOMING_ERROR);
+        self.cleared |= !(attained || stands || failed) || elapsed > Self::CLEARS_WITHIN;
         if statusword.state() != Some(State::OperationEnabled) {
             return Some(Err(HomingError::Interrupted(statusword)));
         }
-        if statusword.has(Statusword::HOMING_ERROR) {
+        // The error of an earlier homing may be what was sent last.
+        if self.cleared && failed {
             return Some(Err(HomingError::Reported(statusword)));
         }
         if self.cleared && stands {
