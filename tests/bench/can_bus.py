@@ -2,7 +2,7 @@
 
     can_bus.py [--uploads N] [--rounds N] [--json FILE]
 
-The bus is the simulated one of four drives (`epos4_bus` of the simulator), over socketcand on the loopback. Both masters read the same
+The bus is the simulated one of four drives (`arthro-simulator epos4`), over socketcand on the loopback. Both masters read the same
 object, one request after another to a node, from one node and then from four at once (a thread a node in Python). Each round runs all, and
 the medians over the rounds are compared. A bare round trip of a message as long over TCP is the floor of what two processes can do. All
 run with real-time priority (`chrt -f`) where the system grants it, as what else runs on the machine would be measured otherwise.
@@ -32,14 +32,14 @@ def build():
     """The simulated bus and our bench."""
     programs = {}
     for command in (
-        ["build", "--release", "-p", "arthro-simulator", "--example", "epos4_bus"],
+        ["build", "--release", "-p", "arthro-simulator"],
         ["bench", "-p", "epos4-link", "--bench", "bus", "--no-run"],
     ):
         lines = subprocess.run(["cargo", *command, "--message-format=json"], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
         for made in map(json.loads, lines.splitlines()):
             if made.get("executable"):
                 programs[made["target"]["name"]] = made["executable"]
-    return programs["epos4_bus"], programs["bus"]
+    return programs["arthro-simulator"], programs["bus"]
 
 
 def real_time():
@@ -54,7 +54,8 @@ class Serving:
 
     def __init__(self, *command):
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.address = self.process.stdout.readline().strip()
+        line = self.process.stdout.readline().strip()
+        self.address = json.loads(line)["epos4"]["can"] if line.startswith("{") else line
 
     def __enter__(self):
         return self.address
@@ -150,7 +151,7 @@ def main():
     for _ in range(arguments.rounds):
         now = {FLOOR: measured(*python, "--uploads", arguments.uploads, "--floor")}
         # A bus bears one master.
-        with Serving(*priority, drives, "127.0.0.1:0") as address:
+        with Serving(*priority, drives, "epos4", "--listen", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--until-stdin-closes") as address:
             for nodes in (1, 4):
                 uploads = arguments.uploads // nodes
                 now[f"python canopen 2.4.1, nodes: {nodes}"] = measured(*python, "--uploads", uploads, "--peer", address, nodes)

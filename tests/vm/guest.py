@@ -25,8 +25,8 @@ BUS_OFF = "20000040#0000000000000000"
 FIRST_MARK, LAST_MARK = "7FF#AA", "7FF#55"
 # Emulated and shared with other scenarios; a thing that takes longer hangs.
 WAIT_S = 60
-# The service waits longer for the drives than on a machine that computes in time.
-PATIENCE = ("--set", "heartbeat_timeout_ms=3000", "--set", "sdo_timeout_s=10", "--set", "bus_silence_s=10")
+# The processors of drives and service are one, and emulated: a heartbeat may come late when both are busy.
+PATIENCE = ("--set", "heartbeat_timeout_ms=1000")
 
 console = threading.Lock()
 failures = []
@@ -78,11 +78,18 @@ def process(name, *command, output=None):
 
 @contextlib.contextmanager
 def drives(interface):
-    """The four simulated drives on an interface."""
+    """The four simulated drives on an interface, nothing in the jaw; gives what tells where they truly are."""
     name = f"drives-{interface}"
-    with process(name, PROGRAMS / "examples/epos4_bus", "--bus", f"socketcan:{interface}"):
-        wait_for(f"drives on {interface}", lambda: f"socketcan:{interface}" in (LOGS / f"{name}.log").read_text())
-        yield
+    command = [PROGRAMS / "arthro-simulator", "epos4", "--bus", f"socketcan:{interface}", "--grpc", "127.0.0.1:0", "--until-stdin-closes",
+               "--set", "jaw.tissue_thickness_mm=0.0"]
+    with process(name, *command):
+        log = LOGS / f"{name}.log"
+        found = wait_for(f"drives on {interface}", lambda: re.search(r'"address":"([^"]+)"', log.read_text()))
+
+        def positions():
+            told = json.loads(run(GRPCURL, "-plaintext", found[1], "arthro.simulator.v1.DriveFaultService/GetDrives"))
+            return [drive.get("positionDeg", drive.get("positionMm", 0.0)) for drive in told["drives"]]
+        yield positions
 
 
 class Instrument:
@@ -190,16 +197,16 @@ def home_and_move(service, where, **axes):
 
 def service_on_vcan():
     """Service and drives on vcan0, everything recorded by candump and by ours; a bus-off report in the middle of a move."""
-    with drives("vcan0"), recorded("vcan0") as records, Instrument.serve("vcan0") as service:
+    with drives("vcan0") as truth, recorded("vcan0") as records, Instrument.serve("vcan0") as service:
         home_and_move(service, "vcan0")
         bite = service.command("Bite")
         check("vcan0: an empty bite closes the jaw", outcome(bite) == "DONE" and bite[-1]["jaw"] == "JAW_STATE_CLOSED_EMPTY",
               f"{outcome(bite)}, {bite[-1].get('jaw') if isinstance(bite, list) else ''}")
-        bus_off_during_a_move(service)
+        bus_off_during_a_move(service, truth)
     compare(records, "vcan0")
 
 
-def bus_off_during_a_move(service):
+def bus_off_during_a_move(service, truth):
     with concurrent.futures.ThreadPoolExecutor() as pool:
         moving = pool.submit(service.command, "MoveAxis", axis="AXIS_FORCEPS_ROTATION", target={"angleDeg": 170.0})
         wait_for("the move begins", lambda: service.state()["axes"][0]["position"].get("angleDeg", 0.0) > 1.0)
@@ -209,18 +216,18 @@ def bus_off_during_a_move(service):
     faults = [axis.get("faultReason") for axis in service.state()["axes"]]
     check("bus-off: it is latched for every axis", faults == ["BUS_OFF"] * 4, faults)
 
-    stopped = wait_for("the axes stand", lambda: (positions := service.positions()) == service.positions() and positions)
-    check("bus-off: the axis stands short of its target", 1.0 < stopped[0]["angleDeg"] < 169.0, f"{stopped[0]['angleDeg']:.2f} deg")
+    stopped = wait_for("the axes stand", lambda: (positions := truth()) == truth() and positions)
+    check("bus-off: the axis stands short of its target", 1.0 < stopped[0] < 169.0, f"{stopped[0]:.2f} deg")
     refused = {method: service.command(method, **message) for method, message in (
         ("MoveAxis", {"axis": "AXIS_ARTHROSCOPE_FEED", "target": {"feedMm": 1.0}}), ("Bite", {}), ("Home", {}))}
     check("bus-off: every motion is refused", all("AXIS_FAULTED" in str(answer) for answer in refused.values()),
-          {method: "AXIS_FAULTED" in str(answer) for method, answer in refused.items()})
+          {method: re.findall('"reason":"([A-Z_]*)"', str(answer)) for method, answer in refused.items()})
     check("bus-off: the jaw is doubted", service.state().get("jaw") == "JAW_STATE_UNKNOWN", service.state().get("jaw"))
 
     recovered = wait_for("recovery", lambda: (answer := service.command("RecoverFault")) == [{}] and answer)
     state = service.state()
     check("bus-off: an operator recovers it", recovered == [{}] and not any("faultReason" in axis for axis in state["axes"]))
-    positions = [axis.get("position") for axis in state["axes"]]
+    positions = truth()
     check("bus-off: nothing moved meanwhile", positions == stopped, positions if positions != stopped else "")
     homed = service.command("Home", axes=["AXIS_FORCEPS_FEED"])
     bite = service.command("Bite")
@@ -234,7 +241,7 @@ def recorded(interface):
     # The second filter lets error frames in, which candump does not show by itself.
     candump = ["stdbuf", "-oL", "candump", "-L", f"{interface},0:0,#FFFFFFFF"]
     with process(f"candump-{interface}", *candump, output=foreign), \
-            process(f"ours-{interface}", PROGRAMS / "examples/candump", f"socketcan:{interface}", output=ours):
+            process(f"ours-{interface}", PROGRAMS / "arthro", "can", "dump", "--raw", "--bus", f"socketcan:{interface}", output=ours):
         both = (foreign, ours)
         mark(interface, FIRST_MARK, both)
         yield both

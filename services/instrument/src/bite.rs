@@ -43,6 +43,8 @@ pub struct Press {
     pub speed_mm_s: f64,
     /// How far before the blades touch, mm.
     pub from_mm: f64,
+    /// On the way to that speed, mm/s^2.
+    pub deceleration_mm_s2: f64,
 }
 
 /// Blade on blade: the feed presses on beyond the touch, and the current must rise.
@@ -224,6 +226,14 @@ impl Watch {
         self.start.1 = stamp;
         self.farthest.1 = stamp;
         self.contact.begin(stamp);
+    }
+
+    /// The drive has begun to press at this time of the bus.
+    pub fn press(&mut self, stamp: Duration) {
+        let press = self.spec.press;
+        let slower_mm_s = self.spec.contact.speed_mm_s - press.speed_mm_s;
+        let takes = Duration::from_secs_f64(slower_mm_s / press.deceleration_mm_s2);
+        self.contact.change_speed(stamp, takes);
     }
 
     /// Whether the jaw is to close slowly from now on.

@@ -30,6 +30,8 @@ pub struct ContactWatch {
     spec: ContactSpec,
     start_mm: f64,
     started: Duration,
+    /// Until then the motor is on its way to another speed.
+    settles_at: Duration,
     /// Where learning began.
     learning_from_mm: Option<f64>,
     learnt: Learnt,
@@ -76,6 +78,7 @@ impl ContactWatch {
             spec,
             start_mm,
             started,
+            settles_at: Duration::ZERO,
             learning_from_mm: None,
             learnt: Learnt::default(),
             free: false,
@@ -90,6 +93,12 @@ impl ContactWatch {
     /// The profile has begun at this time of the bus.
     pub fn begin(&mut self, stamp: Duration) {
         self.started = stamp;
+    }
+
+    /// From this time of the bus on, the motor goes over to another speed, for this long: what it draws meanwhile says
+    /// nothing.
+    pub fn change_speed(&mut self, stamp: Duration, takes: Duration) {
+        self.settles_at = stamp + takes + Self::SETTLING;
     }
 
     /// The first contact.
@@ -114,6 +123,9 @@ impl ContactWatch {
 
     /// Takes a current without sign.
     pub fn observe(&mut self, position_mm: f64, current_ma: f64, stamp: Duration) {
+        if stamp < self.settles_at {
+            return;
+        }
         let Some(learning_from_mm) = self.learning_from_mm else {
             if self.has_speed(position_mm, stamp) {
                 self.learning_from_mm = Some(position_mm);

@@ -110,6 +110,7 @@ impl BiteConfig {
                 contact.speed_mm_s,
             )?,
             from_mm: within("bite.press_from_mm", self.press_from_mm, 0.0, stroke_mm)?,
+            deceleration_mm_s2: feed.quick_stop_deceleration,
         };
         let blades_ma = within(
             "bite.blades_touch_current_ma",

@@ -78,18 +78,18 @@ impl Drives {
                     operation_id: operation_id.clone(),
                 });
             }
-            // A recovery waits for its drive.
-            if !matches!(command, Command::Recover(_)) {
-                self.link(*axis)?;
-            }
-            if !command.moves() {
-                continue;
-            }
-            if let Some(fault) = self.supervisor.fault(*axis) {
+            // A fault says more than that a drive is not there, which may be its consequence.
+            if command.moves()
+                && let Some(fault) = self.supervisor.fault(*axis)
+            {
                 return Err(Refusal::AxisFaulted {
                     axis: *axis,
                     fault: fault.clone(),
                 });
+            }
+            // A recovery waits for its drive.
+            if !matches!(command, Command::Recover(_)) {
+                self.link(*axis)?;
             }
             if command.needs_reference() && !axis_state.is_homed() {
                 return Err(Refusal::NotHomed { axis: *axis });

@@ -165,15 +165,16 @@ impl Link {
         ))
     }
 
-    /// Has the move under way go on to its target at another speed, unit/s. It is reached on the ramp of a quick stop.
-    pub(super) async fn change_speed(&self, speed: f64) -> Result<(), Failure> {
+    /// Has the move under way go on to its target at another speed, unit/s; when that began. It is reached on the ramp of
+    /// a quick stop.
+    pub(super) async fn change_speed(&self, speed: f64) -> Result<Duration, Failure> {
         let (node, spec) = (&self.node, self.spec());
         let deceleration = spec.drivetrain.to_rpm(spec.quick_stop_deceleration);
         node.write(objects::PROFILE_DECELERATION, deceleration)
             .await?;
         node.write(objects::PROFILE_VELOCITY, spec.drivetrain.to_rpm(speed))
             .await?;
-        self.take_set_point().await.map(|_| ())
+        self.take_set_point().await
     }
 
     /// Has the drive take target and profile at once; when it began.

@@ -24,7 +24,7 @@ pub(super) async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, 
     loop {
         match watch.observe(&link.sample().await?) {
             None if watch.presses() && !presses => {
-                link.change_speed(bite.press.speed_mm_s).await?;
+                watch.press(link.change_speed(bite.press.speed_mm_s).await?);
                 presses = true;
             }
             None => {}

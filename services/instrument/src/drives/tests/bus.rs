@@ -18,7 +18,7 @@ async fn a_controller_that_went_bus_off_comes_back_when_a_person_recovers() {
         .until(|state| state.bus.condition == BusCondition::Off)
         .await;
     world.until_all_have("BUS_OFF").await;
-    assert_eq!(world.reason(MOVE_ROTATION).await, "AXIS_NOT_READY");
+    assert_eq!(world.reason(MOVE_ROTATION).await, "AXIS_FAULTED");
     let refused = world.handle.stop("nobody hears".into()).await.unwrap_err();
     assert!(matches!(refused, Refusal::StopNotConfirmed(_)), "{refused}");
     assert_eq!(world.restarts.load(Ordering::Relaxed), 0);
@@ -110,7 +110,7 @@ async fn another_drive_in_the_place_of_one_is_not_commanded_before_a_person_has_
         .await
         .unwrap();
     let home = Command::Home(vec![Axis::ForcepsFeed]);
-    assert_eq!(world.reason(home).await, "AXIS_NOT_READY");
+    assert_eq!(world.reason(home).await, "AXIS_FAULTED");
     assert_eq!(world.recover_all().await, OperationState::Done);
     let identity = world.handle.snapshot().axes[1].identity.unwrap();
     assert_eq!(identity.serial_number, 4711);
