@@ -30,6 +30,8 @@ const LIMIT: Duration = Duration::from_secs(1);
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
     let drives = Bus::new(Bench::drives(&[1, 2, 3, 4]));
+    // They boot with the first step.
+    drives.tick(STEP.as_secs_f64(), STEP.as_secs_f64(), &[]);
     let server = socketcand::serve(([127, 0, 0, 1], 0).into(), Arc::clone(&drives)).await?;
     tokio::spawn(keep_time(drives));
     let address = format!("socketcand://{}/can0", server.address());
@@ -101,7 +103,7 @@ async fn keep_time(drives: Arc<Bus>) {
     let mut bench = Bench::new(&[1, 2, 3, 4], JawConfig::default());
     let mut due = interval(STEP);
     due.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut now_s = 0.0;
+    let mut now_s = drives.now_s();
     loop {
         due.tick().await;
         now_s += STEP.as_secs_f64();

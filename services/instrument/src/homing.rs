@@ -243,8 +243,15 @@ mod tests {
     #[test]
     fn a_homing_ends_by_error_by_time_or_without_reference() {
         let error = Statusword(0x2027);
+        let mut watch = Watch::new(ms(0), ms(100));
+        assert_eq!(watch.observe(error, ms(1)), None, "of an earlier homing");
+        assert_eq!(watch.observe(SEARCHING, ms(2)), None);
         assert_eq!(
-            Watch::new(ms(0), ms(100)).observe(error, ms(1)),
+            watch.observe(error, ms(3)),
+            Some(Err(HomingError::Reported(error)))
+        );
+        assert_eq!(
+            Watch::new(ms(0), ms(100)).observe(error, ms(51)),
             Some(Err(HomingError::Reported(error)))
         );
         let late = Watch::new(ms(0), ms(100)).observe(SEARCHING, ms(101));
