@@ -13,6 +13,7 @@
 pub mod case;
 pub mod cell;
 pub mod command;
+pub mod drives;
 pub mod peers;
 pub mod proxy;
 

@@ -169,11 +169,13 @@ impl Watch {
         let elapsed = stamp.saturating_sub(self.started);
         let attained = statusword.has(Statusword::HOMING_ATTAINED);
         let stands = statusword.has(Statusword::TARGET_REACHED);
-        self.cleared |= !(attained || stands) || elapsed > Self::CLEARS_WITHIN;
+        let failed = statusword.has(Statusword::HOMING_ERROR);
+        self.cleared |= !(attained || stands || failed) || elapsed > Self::CLEARS_WITHIN;
         if statusword.state() != Some(State::OperationEnabled) {
             return Some(Err(HomingError::Interrupted(statusword)));
         }
-        if statusword.has(Statusword::HOMING_ERROR) {
+        // The error of an earlier homing may be what was sent last.
+        if self.cleared && failed {
             return Some(Err(HomingError::Reported(statusword)));
         }
         if self.cleared && stands {
@@ -241,8 +243,15 @@ mod tests {
     #[test]
     fn a_homing_ends_by_error_by_time_or_without_reference() {
         let error = Statusword(0x2027);
+        let mut watch = Watch::new(ms(0), ms(100));
+        assert_eq!(watch.observe(error, ms(1)), None, "of an earlier homing");
+        assert_eq!(watch.observe(SEARCHING, ms(2)), None);
         assert_eq!(
-            Watch::new(ms(0), ms(100)).observe(error, ms(1)),
+            watch.observe(error, ms(3)),
+            Some(Err(HomingError::Reported(error)))
+        );
+        assert_eq!(
+            Watch::new(ms(0), ms(100)).observe(error, ms(51)),
             Some(Err(HomingError::Reported(error)))
         );
         let late = Watch::new(ms(0), ms(100)).observe(SEARCHING, ms(101));

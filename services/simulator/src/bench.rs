@@ -149,9 +149,21 @@ impl Bench {
         self.mechanisms.act(shafts_qc, load)
     }
 
+    /// Another jaw, with a whole block between its blades.
+    pub fn put_into_jaw(&mut self, jaw: JawConfig) {
+        self.jaw = jaw;
+        self.block = Block::Whole;
+    }
+
+    /// Between the blades while the feed stands here, mm; below 0 they press on each other.
+    #[must_use]
+    pub fn gap_mm(&self, feed_mm: f64) -> f64 {
+        self.jaw.opening_mm * (1.0 - feed_mm / self.jaw.closed_feed_mm)
+    }
+
     fn close(&mut self, feed_mm: f64) -> JawLoad {
+        let aperture_mm = self.gap_mm(feed_mm);
         let jaw = &self.jaw;
-        let aperture_mm = jaw.opening_mm * (1.0 - feed_mm / jaw.closed_feed_mm);
         let pressed_mm = (jaw.tissue_thickness_mm - aperture_mm).max(0.0);
         let mut tissue_n = match self.block {
             Block::Whole => pressed_mm * jaw.tissue_stiffness_n_mm,

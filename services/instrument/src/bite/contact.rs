@@ -69,6 +69,8 @@ impl ContactWatch {
     const LEAST_NOISE_MA: f64 = 4.0;
     /// The free current is followed over this distance, mm: springs and friction change slowly, tissue does not.
     const FOLLOWED_OVER_MM: f64 = 2.0;
+    /// A suspicion stands over this distance, mm, whatever the current does: longer than the motor needs to become slow.
+    const SUSPECTED_OVER_MM: f64 = 0.4;
 
     /// Closing begins here and now.
     pub fn new(spec: ContactSpec, start_mm: f64, started: Duration) -> Self {
@@ -142,6 +144,11 @@ impl ContactWatch {
         }
         let excess_ma = self.excess_ma(learning_from_mm, position_mm, current_ma);
         if excess_ma <= self.noise_ma() {
+            // The motor that becomes slower for a suspicion draws less for a moment.
+            let rising_mm = self.rising_from.map(|(from_mm, _)| position_mm - from_mm);
+            if self.suspected && rising_mm.is_some_and(|mm| mm < Self::SUSPECTED_OVER_MM) {
+                return;
+            }
             let share = (position_mm - self.last_free_mm) / Self::FOLLOWED_OVER_MM;
             self.learnt.mean_ma += excess_ma * share.clamp(0.0, 1.0);
             self.last_free_mm = position_mm;

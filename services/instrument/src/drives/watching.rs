@@ -10,6 +10,7 @@ use super::Drives;
 use super::commands::Command;
 use super::motion::Running;
 use crate::axis::Axis;
+use crate::bite::Jaw;
 use crate::error::{Failure, Refusal};
 use crate::supervisor::{self, Fault, Finding};
 
@@ -101,10 +102,11 @@ impl Drives {
         let is_new = self.supervisor.latch(axis, fault.clone());
         if is_new {
             tracing::error!(%axis, reason = fault.reason, detail = fault.detail, "fault: stopping the drives");
+            // In one, so that nobody sees a jaw that is known beside a fault.
             self.board.update(|state| {
                 state.axes[axis.index()].fault = Some(fault.clone());
+                state.jaw = Jaw::Unknown;
             });
-            self.doubt_jaw();
         }
         if is_new || !self.running.is_empty() {
             // A limit switch that is pressed by hand is what commissioning waits for.

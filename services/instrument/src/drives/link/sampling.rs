@@ -54,7 +54,8 @@ impl Link {
         self.show(self.measured(values, stamp))
     }
 
-    /// Has the drive confirm what it sent last. A drive that is otherwise, and does not send that either, is a failure.
+    /// Has the drive confirm what it sent last. A drive that is otherwise for longer than a frame may take, and does not
+    /// send that either, is a failure. What was otherwise for a moment only, it need not send: it is asked again.
     async fn confirm(&self) -> Result<Sample, Failure> {
         let before = self.process_data.image();
         let (values, stamp) = self.asked().await?;
@@ -66,15 +67,23 @@ impl Link {
         });
         tokio::select! {
             biased;
-            _ = came => {}
-            () = self.process_data.past(stamp + LATE_LIMIT) => {
-                return Err(Failure::StaleProcessData {
-                    statusword: values.statusword,
-                    position_qc: values.position_qc,
-                    current_ma: values.current_ma,
-                    limit_s: LATE_LIMIT.as_secs_f64(),
-                });
-            }
+            _ = came => return self.show(self.measured(values, stamp)),
+            () = self.process_data.past(stamp + LATE_LIMIT) => {}
+        }
+        let since = self.process_data.image();
+        let (values, stamp) = self.asked().await?;
+        self.process_data.confirm(&since, &values, stamp);
+        let image = self.process_data.image();
+        let still_differing = image.differing(&values);
+        let is_lost =
+            |part: &Part| still_differing.contains(part) && !image.is_newer(*part, &before);
+        if differing.iter().any(is_lost) {
+            return Err(Failure::StaleProcessData {
+                statusword: values.statusword,
+                position_qc: values.position_qc,
+                current_ma: values.current_ma,
+                limit_s: LATE_LIMIT.as_secs_f64(),
+            });
         }
         self.show(self.measured(values, stamp))
     }
