@@ -197,7 +197,8 @@ impl DriveWorld {
         assert_eq!(
             report.operation.state,
             OperationState::Done,
-            "{told}: {report:?}"
+            "{told}: {report:?}, {:?}",
+            self.truth()
         );
         report
     }

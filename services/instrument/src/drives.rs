@@ -199,6 +199,10 @@ impl Drives {
             Step::BusLost(reason, error) => self.on_bus_lost(reason, &error),
             Step::Ready(axis, now) => self.supervisor.watch(axis, now),
             Step::Fault(axis, failure) => {
+                // What is set up anew leaves OPERATIONAL.
+                if !self.board.is_ready(axis) {
+                    self.supervisor.unwatch(axis);
+                }
                 if let Some(fault) = failure.fault() {
                     self.on_fault(axis, fault);
                 }

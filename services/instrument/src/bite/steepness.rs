@@ -39,8 +39,8 @@ impl Steepness {
                 rise_ma: 0.0,
             }),
         }
-        // Where looks are far apart, the one before counts.
-        while self.looks.len() > 2 && self.looks[0].position_mm < position_mm - Self::WINDOW_MM {
+        // Where looks are far apart, the last one before counts.
+        while self.looks.len() > 1 && self.looks[1].position_mm < position_mm - Self::WINDOW_MM {
             self.looks.pop_front();
         }
     }
