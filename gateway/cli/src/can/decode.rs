@@ -26,14 +26,6 @@ pub struct Decoder {
     transfers: BTreeMap<u8, (Address, Vec<u8>)>,
 }
 
-/// Index, subindex and bit count of an entry of a mapping.
-pub fn mapped(entry: i64) -> (Address, u8) {
-    (
-        Address::new((entry >> 16) as u16, (entry >> 8) as u8),
-        entry as u8,
-    )
-}
-
 impl Decoder {
     /// The meaning of the next frame.
     pub fn explain(&mut self, frame: &Frame) -> String {
@@ -186,7 +178,7 @@ impl Decoder {
         let mut rest = data;
         let mut words = Vec::new();
         for subindex in 1..=count {
-            let (address, bits) = mapped(at(subindex));
+            let (address, bits) = meaning::mapped_object(at(subindex));
             let Some((part, after)) = rest.split_at_checked(usize::from(bits / 8)) else {
                 return Some(format!("{head}, mapping not seen"));
             };

@@ -1,6 +1,7 @@
 //! What the value of an object means, in words.
 
 use epos4_link::canopen::emcy;
+use epos4_link::canopen::object::Address;
 use epos4_link::cia402::Statusword;
 use epos4_link::dictionary::{Entry, Kind};
 use epos4_link::objects;
@@ -125,9 +126,17 @@ fn mode(code: i64) -> Option<&'static str> {
 
 /// The object that an entry of a mapping names.
 fn mapped(entry: i64) -> String {
-    let (address, bits) = super::decode::mapped(entry);
+    let (address, bits) = mapped_object(entry);
     let name = epos4_link::dictionary::entry(address).map_or("unknown object", |entry| entry.name);
     format!("{address} {name}, {bits} bits")
+}
+
+/// Index, subindex and bit count of an entry of a mapping.
+pub fn mapped_object(entry: i64) -> (Address, u8) {
+    (
+        Address::new((entry >> 16) as u16, (entry >> 8) as u8),
+        entry as u8,
+    )
 }
 
 #[cfg(test)]

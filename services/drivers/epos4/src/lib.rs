@@ -9,6 +9,7 @@ pub mod canopen;
 pub mod cia402;
 pub mod dictionary;
 pub mod eds;
+mod entry;
 pub mod frame;
 pub mod network;
 pub mod objects;

@@ -10,7 +10,7 @@ mod manufacturer;
 mod profile;
 
 use crate::canopen::object::{Address, Object};
-use crate::dictionary::{Entry, Kind, Rules};
+use crate::entry::{Entry, Kind, Rules};
 
 pub use self::communication::*;
 pub use self::manufacturer::*;
@@ -46,7 +46,7 @@ macro_rules! objects {
         $($(#[$doc])* pub const $name: crate::canopen::object::Object<$type> =
             crate::canopen::object::Object::new($index, $subindex, $text, $unit);)*
 
-        pub(super) const TABLE: &[crate::dictionary::Entry] = &[$(crate::dictionary::Entry::new(
+        pub(super) const TABLE: &[crate::entry::Entry] = &[$(crate::entry::Entry::new(
             crate::canopen::object::Address::new($index, $subindex),
             objects!(@kind $type),
             $text,
@@ -54,12 +54,12 @@ macro_rules! objects {
             $rules,
         )),*];
     };
-    (@kind u8) => { crate::dictionary::Kind::U8 };
-    (@kind u16) => { crate::dictionary::Kind::U16 };
-    (@kind u32) => { crate::dictionary::Kind::U32 };
-    (@kind i8) => { crate::dictionary::Kind::I8 };
-    (@kind i16) => { crate::dictionary::Kind::I16 };
-    (@kind i32) => { crate::dictionary::Kind::I32 };
+    (@kind u8) => { crate::entry::Kind::U8 };
+    (@kind u16) => { crate::entry::Kind::U16 };
+    (@kind u32) => { crate::entry::Kind::U32 };
+    (@kind i8) => { crate::entry::Kind::I8 };
+    (@kind i16) => { crate::entry::Kind::I16 };
+    (@kind i32) => { crate::entry::Kind::I32 };
 }
 use objects;
 

@@ -186,7 +186,7 @@ fn a_belt_that_slips_is_seen_by_blades_that_are_not_felt() {
     let error = bench.arrive(40.0).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "at 10.100 mm after a rise of 0 mA over the last 0.2 mm, but blade on blade rises by 120 mA: the encoder and the \
+        "at 10.100 mm after a rise of 0 mA over the last 0.2 mm, but blade on blade rises by 90 mA: the encoder and the \
          jaw do not go together, or the jaw is not closed"
     );
     assert_eq!(error.end().unwrap().result.jaw(), Jaw::Unknown);

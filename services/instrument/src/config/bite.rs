@@ -59,7 +59,7 @@ impl Default for BiteConfig {
             contact_rise_ma: 40.0,
             free_running_mm: 1.0,
             spring_ma_per_mm: 0.0,
-            blades_touch_current_ma: 120.0,
+            blades_touch_current_ma: 90.0,
             blades_touch_mm: 0.1,
             force_table: Vec::new(),
         }

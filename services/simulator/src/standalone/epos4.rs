@@ -34,6 +34,9 @@ pub struct Config {
     pub nodes: NodeIds,
     /// Speed of the drives' clock against the wall clock, 0.01 .. 1000.
     pub time_scale: f64,
+    /// The bus goes on in steps of this, ms, 1 .. 10; within one the drives keep their own cycle of 0.4 ms. Longer steps
+    /// leave more of a slow machine to others.
+    pub step_ms: u64,
     /// Above real time the clock waits this long for a heartbeat that a drive expects, ms, 1 .. 10000.
     pub client_wait_ms: u64,
     /// The jaw that node 2 closes.
@@ -47,6 +50,7 @@ impl Default for Config {
             bus: String::new(),
             nodes: NodeIds::default(),
             time_scale: 1.0,
+            step_ms: 1,
             client_wait_ms: 1000,
             jaw: JawConfig::default(),
         }
@@ -55,9 +59,6 @@ impl Default for Config {
 
 /// The port of socketcand.
 const SOCKETCAND_PORT: u16 = 29_536;
-/// A step of the drives' clock, s; the drives divide it into cycles of 0.4 ms.
-const STEP_S: f64 = 0.001;
-
 /// The drives as a server: their bus, and faults over gRPC.
 #[derive(Debug)]
 pub struct Standalone;
@@ -116,6 +117,10 @@ impl Config {
             let value = self.time_scale.to_string();
             return Err(refused("epos4.time_scale", value, "0.01 .. 1000"));
         }
+        if !(1..=10).contains(&self.step_ms) {
+            let value = self.step_ms.to_string();
+            return Err(refused("epos4.step_ms", value, "1 .. 10 ms"));
+        }
         if !(1..=10_000).contains(&self.client_wait_ms) {
             let value = self.client_wait_ms.to_string();
             return Err(refused("epos4.client_wait_ms", value, "1 .. 10000 ms"));
@@ -161,16 +166,17 @@ fn announce(server: Option<&Server>, config: &Config) -> std::io::Result<()> {
 async fn run(config: Config, bus: Arc<Bus>) {
     let client_wait = Duration::from_millis(config.client_wait_ms);
     let mut bench = Bench::new(config.nodes.as_slice(), config.jaw.clone());
-    let mut pace = Pace::new(STEP_S, config.time_scale);
+    let step_s = config.step_ms as f64 / 1000.0;
+    let mut pace = Pace::new(step_s, config.time_scale);
     let mut steps = 0_u64;
     loop {
         pace.next().await;
         if config.time_scale > 1.0 {
-            bus.wait_for_heartbeats(STEP_S, client_wait).await;
+            bus.wait_for_heartbeats(step_s, client_wait).await;
         }
         steps += 1;
         let mechanics = bench.mechanics(&bus.positions_quadcounts());
-        bus.tick(STEP_S, steps as f64 * STEP_S, &mechanics);
+        bus.tick(step_s, steps as f64 * step_s, &mechanics);
         tokio::task::yield_now().await;
     }
 }

@@ -1,7 +1,7 @@
 //! Communication and mapping records of the process data objects, 0x1400 to 0x1A03.
 
-use super::{Entry, Kind, Rules};
 use crate::canopen::object::Address;
+use crate::entry::{Entry, Kind, Rules};
 
 /// The number of PDOs in each direction.
 pub const PDO_COUNT: u16 = 4;

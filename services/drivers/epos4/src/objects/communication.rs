@@ -1,7 +1,7 @@
 //! Objects of CiA 301, 0x1000 to 0x1FFF, but for the process data records.
 
 use super::objects;
-use crate::dictionary::Rules;
+use crate::entry::Rules;
 
 objects! {
     /// CiA profile number 402 and the kind of drive.

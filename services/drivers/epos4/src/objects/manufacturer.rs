@@ -1,7 +1,7 @@
 //! maxon's own objects, 0x2000 to 0x3FFF.
 
 use super::objects;
-use crate::dictionary::Rules;
+use crate::entry::Rules;
 
 const U32_MAX: i64 = u32::MAX as i64;
 

@@ -1,7 +1,7 @@
 //! Objects of the drive profile CiA 402, 0x6000 to 0x6FFF.
 
 use super::{HOMING_METHODS, objects};
-use crate::dictionary::Rules;
+use crate::entry::Rules;
 
 const U32_MAX: i64 = u32::MAX as i64;
 
