@@ -3,10 +3,12 @@
 //! wall clock, and the truth beside.
 //!
 //! ```ignore
-//! let mut world = DriveWorld::up(JawConfig::default()).await;
-//! world.home_all().await;
-//! let report = world.run(Command::Bite { current_limit_ma: 400.0 }).await;
-//! assert!(world.truth().jaw_gap_mm < 0.3);
+//! alone(async {
+//!     let mut world = DriveWorld::up(JawConfig::default()).await;
+//!     world.home_all().await;
+//!     let report = world.run(Command::Bite { current_limit_ma: 400.0 }).await;
+//!     assert!(world.truth().jaw_gap_mm < 0.3);
+//! });
 //! ```
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,6 +27,7 @@ use arthro_simulator::bench::{Bench, JawConfig};
 use arthro_simulator::cell::axes;
 use arthro_simulator::epos4::{Bus, Fault, Node, socketcand};
 use epos4_link::cia402::State;
+use tokio::runtime::Builder;
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, sleep_until, timeout};
@@ -39,6 +42,8 @@ const TIME_SCALE: f64 = 10.0;
 const MAX_LAG: Duration = Duration::from_millis(20);
 /// The clock waits this long, of the wall clock, for a heartbeat that a drive would miss.
 const HOST_WAIT: Duration = Duration::from_secs(5);
+/// So often everybody else has a turn in each step: a frame passes two sockets there and two back.
+const TURNS: usize = 6;
 /// Wall time for anything at all: reached only by a test that hangs.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Of the lease; each command renews it.
@@ -469,6 +474,40 @@ async fn keep_time(bus: Arc<Bus>, bench: Arc<Mutex<Bench>>, truth: watch::Sender
             bus.tick(STEP_S, step as f64 * STEP_S, &mechanics);
             truth.send_modify(|truth| *truth = Truth::of(&bus, &bench, Some(truth)));
         }
-        tokio::task::yield_now().await;
+        for _ in 0..TURNS {
+            tokio::task::yield_now().await;
+        }
     }
+}
+
+/// Runs a world, or several one after the other, in a thread of its own: drives and host take turns there, so that the
+/// clock never outruns the host, however busy the machine is.
+pub fn alone<T>(world: impl Future<Output = T>) -> T {
+    let runtime = Builder::new_current_thread()
+        .enable_all()
+        // Sockets are looked at in each turn.
+        .event_interval(1)
+        .build();
+    match runtime {
+        Ok(runtime) => runtime.block_on(world),
+        Err(error) => panic!("no runtime: {error}"),
+    }
+}
+
+/// Runs worlds side by side, each [`alone`]; what came of them.
+pub fn side_by_side<T: Send, F: Future<Output = T>>(
+    count: usize,
+    world: impl Fn(usize) -> F + Sync,
+) -> Vec<T> {
+    std::thread::scope(|scope| {
+        let world = &world;
+        let threads: Vec<_> = (0..count)
+            .map(|place| scope.spawn(move || alone(world(place))))
+            .collect();
+        let ended = threads.into_iter().map(|thread| match thread.join() {
+            Ok(came) => came,
+            Err(why) => std::panic::resume_unwind(why),
+        });
+        ended.collect()
+    })
 }

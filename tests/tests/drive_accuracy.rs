@@ -7,7 +7,6 @@
     reason = "a test says why it failed by panicking"
 )]
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -18,12 +17,11 @@ use arthro_instrument::config::Config;
 use arthro_instrument::drives::{Command, Report};
 use arthro_simulator::bench::JawConfig;
 use arthro_simulator::epos4::Fault;
-use arthro_tests::drives::{DriveWorld, PATIENCE, STEP_S};
+use arthro_tests::drives::{DriveWorld, PATIENCE, STEP_S, alone, side_by_side};
 use epos4_link::canopen::heartbeat;
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use tokio::sync::watch;
-use tokio::task::JoinSet;
 
 /// Moves of each axis.
 const MOVES: usize = 100;
@@ -90,25 +88,24 @@ async fn move_at_random(axis: Axis) -> f64 {
     worst_qc
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_axis_stands_within_a_quadcount_of_its_target() {
-    let mut axes = JoinSet::new();
-    for axis in Axis::ALL {
-        axes.spawn(async move { (axis, move_at_random(axis).await) });
-    }
-    for (axis, worst_qc) in axes.join_all().await {
+#[test]
+fn every_axis_stands_within_a_quadcount_of_its_target() {
+    let worst_qc = side_by_side(4, |place| move_at_random(Axis::ALL[place]));
+    for (axis, worst_qc) in Axis::ALL.into_iter().zip(worst_qc) {
         println!("{axis}: {MOVES} moves, {worst_qc:.3} qc off at most");
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn homing_finds_the_true_edge() {
-    let world = homed(EMPTY, config()).await;
-    // A cycle of 0.4 ms at the 0.5 mm/s of the approach is 4.3 quadcounts; the drive then takes where it is.
-    for axis in [Axis::ForcepsFeed, Axis::ArthroscopeFeed] {
-        let zero_qc = world.zero_qc(axis).abs();
-        assert!(zero_qc <= 6.0, "{axis} is {zero_qc} qc off");
-    }
+#[test]
+fn homing_finds_the_true_edge() {
+    alone(async {
+        let world = homed(EMPTY, config()).await;
+        // A cycle of 0.4 ms at the 0.5 mm/s of the approach is 4.3 quadcounts; the drive then takes where it is.
+        for axis in [Axis::ForcepsFeed, Axis::ArthroscopeFeed] {
+            let zero_qc = world.zero_qc(axis).abs();
+            assert!(zero_qc <= 6.0, "{axis} is {zero_qc} qc off");
+        }
+    });
 }
 
 // === bites ===
@@ -120,71 +117,77 @@ async fn press(world: &mut DriveWorld, current_limit_ma: f64) -> (f64, BiteEnd) 
     (world.settle().await.jaw_force_n, report.bite.unwrap())
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bite_presses_with_the_force_that_is_set() {
-    let mut world = homed(THIN, config()).await;
-    let mut config = config();
-    for current_ma in [150.0, 280.0, 420.0] {
-        let (force_n, _) = press(&mut world, current_ma).await;
-        config.bite.force_table.push([current_ma, force_n]);
-    }
-    println!("measured: {:?}", config.bite.force_table);
-    let [lowest_n, highest_n] = [0, 2].map(|place| config.bite.force_table[place][1]);
-    let mut world = homed(THIN, config).await;
-    for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
-        let set_n = lowest_n + share * (highest_n - lowest_n);
-        let table = world.handle.cell().bite.force.clone().unwrap();
-        let (true_n, end) = press(&mut world, table.current_ma(set_n).unwrap()).await;
-        let told_n = end.force_n;
-        println!("set {set_n:.1} N, truly {true_n:.1} N, told {told_n:?}");
-        assert!(
-            (true_n / set_n - 1.0).abs() <= 0.1,
-            "{true_n} N of {set_n} N"
+#[test]
+fn a_bite_presses_with_the_force_that_is_set() {
+    alone(async {
+        let mut world = homed(THIN, config()).await;
+        let mut config = config();
+        for current_ma in [150.0, 280.0, 420.0] {
+            let (force_n, _) = press(&mut world, current_ma).await;
+            config.bite.force_table.push([current_ma, force_n]);
+        }
+        println!("measured: {:?}", config.bite.force_table);
+        let [lowest_n, highest_n] = [0, 2].map(|place| config.bite.force_table[place][1]);
+        let mut world = homed(THIN, config).await;
+        for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
+            let set_n = lowest_n + share * (highest_n - lowest_n);
+            let table = world.handle.cell().bite.force.clone().unwrap();
+            let (true_n, end) = press(&mut world, table.current_ma(set_n).unwrap()).await;
+            let told_n = end.force_n;
+            println!("set {set_n:.1} N, truly {true_n:.1} N, told {told_n:?}");
+            assert!(
+                (true_n / set_n - 1.0).abs() <= 0.1,
+                "{true_n} N of {set_n} N"
+            );
+            assert!(told_n.is_none_or(|told_n| (told_n / true_n - 1.0).abs() <= 0.1));
+        }
+    });
+}
+
+#[test]
+fn contact_is_told_where_the_blades_meet_the_tissue() {
+    alone(async {
+        let mut world = homed(EMPTY, config()).await;
+        for thickness_mm in [3.0, 5.0, 7.0] {
+            let report = bite(&mut world, jaw(thickness_mm, 60.0, 90.0), 400.0).await;
+            let told_mm = report.bite.and_then(|end| end.contact_mm).unwrap();
+            let true_mm = 10.0 - thickness_mm;
+            println!("{thickness_mm} mm of tissue: met at {true_mm} mm, told {told_mm:.3} mm");
+            assert!((told_mm - true_mm).abs() <= 0.1, "{report:?}");
+        }
+    });
+}
+
+#[test]
+fn every_result_of_a_bite_has_its_cause() {
+    alone(async {
+        let mut world = homed(EMPTY, config()).await;
+        let mut result = async |jaw: JawConfig, limit_ma| {
+            let report = bite(&mut world, jaw, limit_ma).await;
+            let reason = report.operation.reason.clone();
+            (report.bite.map(|end| end.result), reason)
+        };
+        let none = String::new();
+        assert_eq!(
+            result(EMPTY, 400.0).await,
+            (Some(BiteResult::ClosedEmpty), none.clone())
         );
-        assert!(told_n.is_none_or(|told_n| (told_n / true_n - 1.0).abs() <= 0.1));
-    }
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn contact_is_told_where_the_blades_meet_the_tissue() {
-    let mut world = homed(EMPTY, config()).await;
-    for thickness_mm in [3.0, 5.0, 7.0] {
-        let report = bite(&mut world, jaw(thickness_mm, 60.0, 90.0), 400.0).await;
-        let told_mm = report.bite.and_then(|end| end.contact_mm).unwrap();
-        let true_mm = 10.0 - thickness_mm;
-        println!("{thickness_mm} mm of tissue: met at {true_mm} mm, told {told_mm:.3} mm");
-        assert!((told_mm - true_mm).abs() <= 0.1, "{report:?}");
-    }
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_result_of_a_bite_has_its_cause() {
-    let mut world = homed(EMPTY, config()).await;
-    let mut result = async |jaw: JawConfig, limit_ma| {
-        let report = bite(&mut world, jaw, limit_ma).await;
-        let reason = report.operation.reason.clone();
-        (report.bite.map(|end| end.result), reason)
-    };
-    let none = String::new();
-    assert_eq!(
-        result(EMPTY, 400.0).await,
-        (Some(BiteResult::ClosedEmpty), none.clone())
-    );
-    assert_eq!(
-        result(THIN, 300.0).await,
-        (Some(BiteResult::ClosedOnTissue), none)
-    );
-    let not_closed = "JAW_NOT_CLOSED".to_owned();
-    assert_eq!(
-        result(THICK_AND_HARD, 300.0).await,
-        (Some(BiteResult::NotClosed), not_closed)
-    );
-    // A hot motor gets its nominal 500 mA and no more: too little, and below the limit that was set.
-    world.succeed(Command::OpenJaw).await;
-    world.inject(Some(2), Fault::I2tLevel(200.0));
-    let report = bite(&mut world, THICK_AND_HARD, 750.0).await;
-    assert_eq!(report.bite.map(|end| end.result), Some(BiteResult::Stalled));
-    assert_eq!(report.operation.reason, "JAW_STALLED");
+        assert_eq!(
+            result(THIN, 300.0).await,
+            (Some(BiteResult::ClosedOnTissue), none)
+        );
+        let not_closed = "JAW_NOT_CLOSED".to_owned();
+        assert_eq!(
+            result(THICK_AND_HARD, 300.0).await,
+            (Some(BiteResult::NotClosed), not_closed)
+        );
+        // A hot motor gets its nominal 500 mA and no more: too little, and below the limit that was set.
+        world.succeed(Command::OpenJaw).await;
+        world.inject(Some(2), Fault::I2tLevel(200.0));
+        let report = bite(&mut world, THICK_AND_HARD, 750.0).await;
+        assert_eq!(report.bite.map(|end| end.result), Some(BiteResult::Stalled));
+        assert_eq!(report.operation.reason, "JAW_STALLED");
+    });
 }
 
 // === travel ===
@@ -265,9 +268,9 @@ async fn interrupt(world: &mut DriveWorld, rng: &mut ChaCha8Rng, axis: Axis) {
 }
 
 /// Sequences on one axis until all are done or time is up; how many.
-async fn run_sequences(seed: u64, left: Arc<AtomicU64>, until: Option<Instant>) -> u64 {
-    let axis = Axis::ALL[seed as usize % 4];
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+async fn run_sequences(seed: usize, left: &AtomicU64, until: Option<Instant>) -> u64 {
+    let axis = Axis::ALL[seed % 4];
+    let mut rng = ChaCha8Rng::seed_from_u64(seed as u64);
     let mut world = homed(EMPTY, config()).await;
     let spec = world.handle.cell().axes[axis.index()].spec.clone();
     let [low_qc, high_qc] = [spec.travel.lowest, spec.travel.highest]
@@ -301,60 +304,59 @@ async fn run_sequences(seed: u64, left: Arc<AtomicU64>, until: Option<Instant>) 
     done
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn no_sequence_of_commands_stops_and_faults_leads_beyond_the_travel() {
-    const WORLDS: u64 = 8;
+#[test]
+fn no_sequence_of_commands_stops_and_faults_leads_beyond_the_travel() {
+    const WORLDS: usize = 8;
     const TIME: Duration = Duration::from_secs(20);
     // As many as fit into some seconds, or as many as are asked for.
     let asked = std::env::var("ARTHRO_SEQUENCES").ok();
     let asked: Option<u64> = asked.map(|asked| asked.parse().unwrap());
     let until = asked.is_none().then(|| Instant::now() + TIME);
-    let left = Arc::new(AtomicU64::new(asked.unwrap_or(u64::MAX)));
-    let mut worlds = JoinSet::new();
-    for seed in 0..WORLDS {
-        worlds.spawn(run_sequences(seed, Arc::clone(&left), until));
-    }
-    let done: u64 = worlds.join_all().await.iter().sum();
+    let left = AtomicU64::new(asked.unwrap_or(u64::MAX));
+    let done = side_by_side(WORLDS, |seed| run_sequences(seed, &left, until));
+    let done: u64 = done.iter().sum();
     println!("{done} sequences of three commands");
-    assert!(done >= asked.unwrap_or(WORLDS));
+    assert!(done >= asked.unwrap_or(WORLDS as u64));
 }
 
 // === the host dies ===
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_drive_begins_to_brake_when_its_host_is_dead() {
-    let mut world = homed(EMPTY, config()).await;
-    let axis = Axis::ArthroscopeFeed;
-    let host = world.handle.cell().host_node_id;
-    let timeout_s = world.handle.cell().heartbeat_timeout.as_secs_f64();
-    let (heard, last) = watch::channel(Duration::ZERO);
-    let mut listener = world.bus.join();
-    let listening = tokio::spawn(async move {
-        while let Some(stamped) = listener.heard().await {
-            if heartbeat::decode(&stamped.frame).is_some_and(|(from, _)| from == host) {
-                heard.send_replace(stamped.stamp);
+#[test]
+fn a_drive_begins_to_brake_when_its_host_is_dead() {
+    alone(async {
+        let mut world = homed(EMPTY, config()).await;
+        let axis = Axis::ArthroscopeFeed;
+        let host = world.handle.cell().host_node_id;
+        let timeout_s = world.handle.cell().heartbeat_timeout.as_secs_f64();
+        let (heard, last) = watch::channel(Duration::ZERO);
+        let mut listener = world.bus.join();
+        let listening = tokio::spawn(async move {
+            while let Some(stamped) = listener.heard().await {
+                if heartbeat::decode(&stamped.frame).is_some_and(|(from, _)| from == host) {
+                    heard.send_replace(stamped.stamp);
+                }
             }
+        });
+        let target = 14.0;
+        world.begin(Command::Move { axis, target }).await.unwrap();
+        world
+            .until_truly("moving", |truth| {
+                truth.speeds_qc_s[axis.index()] > 200_000.0
+            })
+            .await;
+        world.kill_host().await;
+        let begun = Instant::now();
+        while world.bus.members() > 1 {
+            assert!(begun.elapsed() < PATIENCE, "the connection stands");
+            world.pass(STEP_S).await;
         }
+        listening.abort();
+        listening.await.err();
+        let last_s = last.borrow().as_secs_f64();
+        let stood = world.settle().await;
+        let braked_s = stood.enabled_s[axis.index()] + STEP_S - last_s;
+        println!("brakes {:.1} ms after the last heartbeat", 1e3 * braked_s);
+        assert!(braked_s <= timeout_s + 0.005, "{braked_s} s");
+        assert!(world.creep_qc(&stood, 1.0).await <= 2.0);
     });
-    let target = 14.0;
-    world.begin(Command::Move { axis, target }).await.unwrap();
-    world
-        .until_truly("moving", |truth| {
-            truth.speeds_qc_s[axis.index()] > 200_000.0
-        })
-        .await;
-    world.kill_host().await;
-    let begun = Instant::now();
-    while world.bus.members() > 1 {
-        assert!(begun.elapsed() < PATIENCE, "the connection stands");
-        world.pass(STEP_S).await;
-    }
-    listening.abort();
-    listening.await.err();
-    let last_s = last.borrow().as_secs_f64();
-    let stood = world.settle().await;
-    let braked_s = stood.enabled_s[axis.index()] + STEP_S - last_s;
-    println!("brakes {:.1} ms after the last heartbeat", 1e3 * braked_s);
-    assert!(braked_s <= timeout_s + 0.005, "{braked_s} s");
-    assert!(world.creep_qc(&stood, 1.0).await <= 2.0);
 }

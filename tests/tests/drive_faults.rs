@@ -11,7 +11,7 @@
 )]
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 use arthro_authority::OperationState;
 use arthro_bootstrap::status;
@@ -21,8 +21,7 @@ use arthro_instrument::config::Config;
 use arthro_instrument::drives::{Command, Readiness, Report};
 use arthro_simulator::bench::JawConfig;
 use arthro_simulator::epos4::Fault;
-use arthro_tests::drives::DriveWorld;
-use tokio::task::JoinSet;
+use arthro_tests::drives::{DriveWorld, side_by_side};
 
 /// Worlds side by side.
 const WORLDS: usize = 8;
@@ -53,6 +52,7 @@ const GARBLED: &[&str] = &[
     "HOMING_FAILED",
     "HOMING_INTERRUPTED",
     "POSITION_LIMITS_NOT_KEPT",
+    "HEARTBEAT_LOST",
     "NMT_STATE_LOST",
     "UNEXPECTED_BOOT_UP",
     "STALE_PROCESS_DATA",
@@ -451,28 +451,25 @@ fn next(waiting: &Mutex<VecDeque<Case>>) -> Option<Case> {
 }
 
 /// Carries cases out in one world after the other; what came of each, in the order of the table.
-async fn suffer_many(waiting: Arc<Mutex<VecDeque<Case>>>) -> Vec<(Case, String)> {
+async fn suffer_many(waiting: &Mutex<VecDeque<Case>>) -> Vec<(Case, String)> {
     let mut world = world().await;
     let mut came = Vec::new();
-    while let Some(case) = next(&waiting) {
+    while let Some(case) = next(waiting) {
         let reason = case.suffer(&mut world).await;
         came.push((case, reason));
     }
     came
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn after_any_fault_in_any_state_nothing_moves_and_the_truth_is_told() {
+#[test]
+fn after_any_fault_in_any_state_nothing_moves_and_the_truth_is_told() {
     let cases = cases();
     let count = cases.len();
-    let waiting = Arc::new(Mutex::new(VecDeque::from(cases)));
-    let mut workers = JoinSet::new();
-    for _ in 0..WORLDS {
-        workers.spawn(suffer_many(Arc::clone(&waiting)));
-    }
+    let waiting = Mutex::new(VecDeque::from(cases));
+    let came = side_by_side(WORLDS, |_| suffer_many(&waiting));
     let mut rows: BTreeMap<String, BTreeMap<During, String>> = BTreeMap::new();
     let mut suffered = 0;
-    for (case, reason) in workers.join_all().await.into_iter().flatten() {
+    for (case, reason) in came.into_iter().flatten() {
         suffered += 1;
         let row = rows.entry(case.row()).or_default();
         row.insert(case.during, reason);
