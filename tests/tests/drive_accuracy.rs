@@ -127,6 +127,7 @@ fn a_bite_presses_with_the_force_that_is_set() {
             config.bite.force_table.push([current_ma, force_n]);
         }
         println!("measured: {:?}", config.bite.force_table);
+        let table = config.bite.force_table.clone();
         let [lowest_n, highest_n] = [0, 2].map(|place| config.bite.force_table[place][1]);
         let mut world = homed(THIN, config).await;
         for share in [0.1, 0.3, 0.5, 0.7, 0.9] {
@@ -140,6 +141,16 @@ fn a_bite_presses_with_the_force_that_is_set() {
                 "{true_n} N of {set_n} N"
             );
             assert!(told_n.is_none_or(|told_n| (told_n / true_n - 1.0).abs() <= 0.1));
+        }
+        // What is too thick to close on, soft and stiff, is pressed with the same.
+        for stiffness_n_mm in [30.0, 100.0, 300.0] {
+            let [current_ma, set_n] = table[1];
+            let report = bite(&mut world, jaw(6.0, stiffness_n_mm, 1000.0), current_ma).await;
+            assert_eq!(report.operation.reason, "JAW_NOT_CLOSED", "{report:?}");
+            let true_n = world.settle().await.jaw_force_n;
+            println!("{stiffness_n_mm} N/mm: set {set_n:.1} N, truly {true_n:.1} N");
+            assert!((true_n / set_n - 1.0).abs() <= 0.1, "{true_n} N of {set_n} N");
+            world.succeed(Command::OpenJaw).await;
         }
     });
 }
