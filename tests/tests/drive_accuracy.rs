@@ -149,7 +149,10 @@ fn a_bite_presses_with_the_force_that_is_set() {
             assert_eq!(report.operation.reason, "JAW_NOT_CLOSED", "{report:?}");
             let true_n = world.settle().await.jaw_force_n;
             println!("{stiffness_n_mm} N/mm: set {set_n:.1} N, truly {true_n:.1} N");
-            assert!((true_n / set_n - 1.0).abs() <= 0.1, "{true_n} N of {set_n} N");
+            assert!(
+                (true_n / set_n - 1.0).abs() <= 0.1,
+                "{true_n} N of {set_n} N"
+            );
             world.succeed(Command::OpenJaw).await;
         }
     });

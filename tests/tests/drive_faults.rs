@@ -355,6 +355,10 @@ impl Case {
                     let off_qc = world.off_qc(self.axis, self.far());
                     assert!(off_qc <= 1.0, "off {off_qc} qc after {detail}");
                 }
+                // A value that was garbled on its way may give the jaw up: a doubt, and no fault.
+                Bite | Holding if !is_closed && matches!(expected, Chance(_)) => {
+                    assert_eq!(jaw, Jaw::Unknown, "{detail}");
+                }
                 Bite | Holding => assert!(
                     is_closed && stood.jaw_gap_mm <= CLOSED_GAP_MM,
                     "{jaw:?} with a gap of {} mm after {detail}",

@@ -48,6 +48,11 @@ impl Fault {
         }
     }
 
+    /// A boot-up that nobody expected may be that of a second drive with the same number.
+    fn explains(&self, first: &Self) -> bool {
+        (first.reason, self.reason) == ("UNEXPECTED_BOOT_UP", "DUPLICATE_NODE_ID")
+    }
+
     /// Whether the drive may have lost its settings, so that they must be made again.
     pub fn loses_settings(&self) -> bool {
         matches!(
@@ -122,10 +127,10 @@ impl Supervisor {
         self.faults[axis.index()].as_ref()
     }
 
-    /// Latches a fault; the first one stands. `true` when there was none.
+    /// Latches a fault; the first one stands, unless the new one explains it. `true` when it is latched now.
     pub fn latch(&mut self, axis: Axis, fault: Fault) -> bool {
         let slot = &mut self.faults[axis.index()];
-        if slot.is_some() {
+        if slot.as_ref().is_some_and(|first| !fault.explains(first)) {
             return false;
         }
         *slot = Some(fault);
@@ -283,6 +288,19 @@ mod tests {
         assert_eq!(detail, Some("the drive reports 0x8611, following error"));
         supervisor.clear(AXIS);
         assert_eq!(supervisor.fault(AXIS), None);
+    }
+
+    #[test]
+    fn a_second_drive_of_the_number_explains_the_boot_up_that_was_seen_first() {
+        let mut supervisor = watching();
+        assert!(supervisor.latch(AXIS, Fault::new("UNEXPECTED_BOOT_UP", "restarted")));
+        let Finding::Fault(_, duplicate) = Finding::duplicate(AXIS, 2, Evidence::SecondAnswer)
+        else {
+            panic!("a second drive is a fault")
+        };
+        assert!(supervisor.latch(AXIS, duplicate.clone()));
+        assert_eq!(supervisor.fault(AXIS), Some(&duplicate));
+        assert!(!supervisor.latch(AXIS, Fault::new("UNEXPECTED_BOOT_UP", "restarted")));
     }
 
     #[test]
