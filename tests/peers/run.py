@@ -66,11 +66,13 @@ def run(clients):
     return failed
 
 
+@contextlib.contextmanager
 def data_sheet(arthro):
-    """The drives' electronic data sheet in a file."""
-    path = pathlib.Path(tempfile.mkdtemp()) / "epos4.eds"
-    subprocess.run([arthro, "can", "eds", "--out", path], check=True, stdout=subprocess.DEVNULL)
-    return path
+    """The drives' electronic data sheet, in a file for as long."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/epos4.eds"
+        subprocess.run([arthro, "can", "eds", "--out", path], check=True, stdout=subprocess.DEVNULL)
+        yield path
 
 
 def cell(arthro):
@@ -78,8 +80,9 @@ def cell(arthro):
     hosts = arm_hosts()
     process, described = simulator(arthro, hosts)
     try:
-        clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", described["canAddress"], data_sheet(arthro)]]
-        return len(clients), sum(run([client]) for client in clients)
+        with data_sheet(arthro) as sheet:
+            clients = [["ur_rtde_clients.py", *hosts], ["canopen_epos4.py", described["canAddress"], sheet]]
+            return len(clients), sum(run([client]) for client in clients)
     finally:
         process.stdin.close()
         process.wait(timeout=30)
@@ -91,7 +94,8 @@ def drives(arthro, arthro_simulator):
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         address = json.loads(process.stdout.readline())["epos4"]["can"]
-        return 1, run([["canopen_epos4.py", address, data_sheet(arthro)]])
+        with data_sheet(arthro) as sheet:
+            return 1, run([["canopen_epos4.py", address, sheet]])
     finally:
         process.stdin.close()
         process.wait(timeout=30)
