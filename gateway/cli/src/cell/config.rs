@@ -15,7 +15,8 @@ use toml::{Table, Value};
 use crate::arguments::ServiceName;
 use crate::exit::Failure;
 
-/// What the simulated jaw presses with, mA and N, as bites on its own blades showed.
+/// What the simulated jaw presses with, mA and N, calculated: friction and spring take 54 mA, motor, gear and screw make
+/// 0.356 N of each further mA.
 const JAW_FORCE_TABLE: [[f64; 2]; 2] = [[54.0, 0.0], [500.0, 159.0]];
 /// How far outside its portal the arthroscope rests, mm.
 const REST_OUTSIDE_MM: f64 = 80.0;

@@ -1,9 +1,9 @@
 //! Feels by the current where the jaw meets something.
 //!
 //! The current of the free jaw is learnt in the first part of the stroke, once the motor has its speed, and followed where
-//! it changes slowly. From then on a
-//! current that is above both the configured one and the free one by a rise is contact. Where it began is later told from
-//! the samples around: between the last one that was still free and the line through those on the way up.
+//! it changes slowly. From then on a current that is above both the configured one and the free one by a rise is contact.
+//! Where it began is later told from the samples around: between the last one that was still free and the line through
+//! those on the way up.
 
 use std::time::Duration;
 
