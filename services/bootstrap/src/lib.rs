@@ -15,6 +15,7 @@
 pub mod calls;
 pub mod config;
 mod drain;
+pub mod identity;
 mod reflection;
 mod run;
 mod serve;
@@ -29,6 +30,7 @@ use serde::de::DeserializeOwned;
 pub use crate::calls::Deadline;
 pub use crate::config::ServerConfig;
 pub use crate::drain::{Drain, Hold};
+pub use crate::identity::{Caller, Role};
 pub use crate::run::{ExitStatus, main, run};
 
 /// Any error that ends the boot.

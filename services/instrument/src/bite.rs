@@ -242,6 +242,14 @@ impl Watch {
             || self.farthest.0 >= self.spec.closed_mm - self.spec.press.from_mm
     }
 
+    /// Takes what the motor went through before a sample, in the order of time.
+    pub fn pass(&mut self, position_mm: f64, current_ma: f64, stamp: Duration) {
+        let current_ma = current_ma.abs();
+        self.peak_current_ma = self.peak_current_ma.max(current_ma);
+        self.contact.observe(position_mm, current_ma, stamp);
+        self.steepness.observe(position_mm, current_ma);
+    }
+
     /// Takes a sample; an answer when the bite is over.
     pub fn observe(&mut self, sample: &Sample) -> Option<Result<BiteEnd, BiteError>> {
         let Sample {
@@ -263,9 +271,7 @@ impl Watch {
                 statusword,
             }));
         }
-        self.peak_current_ma = self.peak_current_ma.max(current_ma);
-        self.contact.observe(position_mm, current_ma, stamp);
-        self.steepness.observe(position_mm, current_ma);
+        self.pass(position_mm, current_ma, stamp);
         let arrived = position_mm >= self.spec.target_mm() - self.tolerance_mm;
         if arrived && statusword.has(Statusword::TARGET_REACHED) {
             return Some(self.closed(self.closed_on(), position_mm));

@@ -76,6 +76,11 @@ impl Watch {
         }
     }
 
+    /// When the move began, on the clock of the bus.
+    pub fn started(&self) -> Duration {
+        self.started
+    }
+
     /// Takes a sample; an answer when the move is over.
     pub fn observe(&self, sample: &Sample) -> Option<Result<(), MoveError>> {
         let Sample {

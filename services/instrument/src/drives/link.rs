@@ -291,15 +291,24 @@ impl Link {
     }
 }
 
-/// A limit on the clock of the bus, which begins with the first check.
+/// A limit on the clock of the bus for each state on the way, which begins with the first look at it: between two looks of
+/// a busy host much time of the bus may pass, and a drive that goes on is not late.
 pub(super) struct Limit {
-    began: Option<Duration>,
+    since: Option<(State, Duration)>,
+    changes: u32,
     limit: Duration,
 }
 
 impl Limit {
+    /// A drive that is in its wanted state after so many changes has not got lost among them.
+    const CHANGES: u32 = 8;
+
     pub(super) fn new(limit: Duration) -> Self {
-        Self { began: None, limit }
+        Self {
+            since: None,
+            changes: 0,
+            limit,
+        }
     }
 
     pub(super) fn check(
@@ -308,7 +317,14 @@ impl Limit {
         state: State,
         wanted: &'static str,
     ) -> Result<(), Failure> {
-        let began = *self.began.get_or_insert(stamp);
+        let began = match self.since {
+            Some((last, began)) if last == state || self.changes >= Self::CHANGES => began,
+            _ => {
+                self.since = Some((state, stamp));
+                self.changes += 1;
+                stamp
+            }
+        };
         if stamp.saturating_sub(began) <= self.limit {
             return Ok(());
         }
@@ -317,5 +333,39 @@ impl Limit {
             wanted,
             limit_s: self.limit.as_secs_f64(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn s(s: u64) -> Duration {
+        Duration::from_secs(s)
+    }
+
+    #[test]
+    fn a_drive_that_goes_on_is_not_late_and_one_that_stays_is() {
+        let mut limit = Limit::new(s(1));
+        for (stamp, state) in [
+            (s(1), State::SwitchOnDisabled),
+            (s(3), State::ReadyToSwitchOn),
+            (s(6), State::SwitchedOn),
+        ] {
+            assert!(limit.check(stamp, state, "OPERATION_ENABLED").is_ok());
+        }
+        let late = limit.check(s(8), State::SwitchedOn, "OPERATION_ENABLED");
+        assert!(matches!(late, Err(Failure::NoTransition { .. })));
+    }
+
+    #[test]
+    fn a_drive_that_goes_round_in_circles_is_late() {
+        let mut limit = Limit::new(s(1));
+        let round = [State::ReadyToSwitchOn, State::SwitchedOn];
+        let late = (0..40).find(|turn| {
+            let state = round[*turn as usize % 2];
+            limit.check(s(*turn), state, "OPERATION_ENABLED").is_err()
+        });
+        assert!(late.is_some());
     }
 }

@@ -1,6 +1,8 @@
 //! What an axis' drive sends by itself. The EPOS4 sends process data when they change, so that silence means that nothing
 //! changes, or that nothing comes: whoever relies on silence has it confirmed.
 
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use epos4_link::canopen::pdo::{Data, Mapped, Mapping, MappingError};
@@ -46,11 +48,20 @@ pub(super) struct Image {
     behind: [bool; 3],
 }
 
+/// One frame of [`MOTION_PDO`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Passed {
+    pub(super) position_qc: i32,
+    pub(super) current_ma: i32,
+    pub(super) stamp: Duration,
+}
+
 /// The image of one axis and the clock of the bus, for whoever waits for either. Clones are the same.
 #[derive(Clone, Debug)]
 pub(super) struct ProcessData {
     image: watch::Sender<Image>,
     clock: watch::Sender<Duration>,
+    passed: Arc<Mutex<VecDeque<Passed>>>,
 }
 
 // === impl Part ===
@@ -189,11 +200,15 @@ impl Values {
 // === impl ProcessData ===
 
 impl ProcessData {
+    /// So many frames of a motion are kept: five seconds at the highest rate.
+    const KEPT: usize = 512;
+
     /// Nothing has come. The clock is that of the bus, shared by all axes.
     pub(super) fn new(clock: watch::Sender<Duration>) -> Self {
         Self {
             image: watch::Sender::new(Image::default()),
             clock,
+            passed: Arc::default(),
         }
     }
 
@@ -204,9 +219,33 @@ impl ProcessData {
     /// Takes a frame of the drive. `false` for one that is not as mapped.
     pub(super) fn take(&self, number: u8, data: &Data, stamp: Duration) -> bool {
         let mut is_taken = false;
-        self.image
-            .send_modify(|image| is_taken = image.take(number, data, stamp));
+        self.image.send_modify(|image| {
+            is_taken = image.take(number, data, stamp);
+            if is_taken && number == MOTION_PDO {
+                self.keep(&image.values, stamp);
+            }
+        });
         is_taken
+    }
+
+    fn keep(&self, values: &Values, stamp: Duration) {
+        let mut passed = self.passed.lock().unwrap_or_else(PoisonError::into_inner);
+        if passed.len() == Self::KEPT {
+            passed.pop_front();
+        }
+        passed.push_back(Passed {
+            position_qc: values.position_qc,
+            current_ma: values.current_ma,
+            stamp,
+        });
+    }
+
+    /// What the motor went through after `from` and before `to`: an image alone forgets what comes between two looks at
+    /// it, however far a busy host lets them be apart.
+    pub(super) fn passed(&self, from: Duration, to: Duration) -> Vec<Passed> {
+        let passed = self.passed.lock().unwrap_or_else(PoisonError::into_inner);
+        let between = |frame: &&Passed| frame.stamp > from && frame.stamp < to;
+        passed.iter().filter(between).copied().collect()
     }
 
     /// The drive was asked when the image was as `before`: the parts that it has as it sent them are confirmed.
@@ -295,6 +334,20 @@ mod tests {
         // What was sent while the drive was asked is newer than the answer.
         image.confirm(&before, &asked, ms(9));
         assert!(!image.is_behind(Part::Motion));
+    }
+
+    #[test]
+    fn what_passed_between_two_looks_is_kept_and_bounded() {
+        let data = ProcessData::new(watch::Sender::new(Duration::ZERO));
+        for position_qc in 0..1000_u32 {
+            let [a, b, c, d] = position_qc.to_le_bytes();
+            let frame = Data::new(&[a, b, c, d, 40, 0, 0, 0]).unwrap();
+            assert!(data.take(MOTION_PDO, &frame, ms(position_qc.into())));
+        }
+        let passed = data.passed(ms(989), ms(992));
+        let positions: Vec<_> = passed.iter().map(|frame| frame.position_qc).collect();
+        assert_eq!(positions, [990, 991]);
+        assert_eq!(data.passed(ms(0), ms(2000)).len(), ProcessData::KEPT);
     }
 
     #[test]

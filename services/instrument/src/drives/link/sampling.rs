@@ -46,6 +46,20 @@ impl Link {
         self.confirm().await
     }
 
+    /// Position, current and stamp of all that the drive sent after `from` and before `to`, in the order of time.
+    pub(in super::super) fn passed(
+        &self,
+        from: Duration,
+        to: Duration,
+    ) -> impl Iterator<Item = (f64, f64, Duration)> {
+        let drivetrain = &self.spec().drivetrain;
+        let passed = self.process_data.passed(from, to).into_iter();
+        passed.map(|frame| {
+            let position = drivetrain.to_position(frame.position_qc);
+            (position, f64::from(frame.current_ma), frame.stamp)
+        })
+    }
+
     /// Measures by asking the drive, and shows the measurement on the board: for what must be known after an order.
     pub(in super::super) async fn ask(&self) -> Result<Sample, Failure> {
         let before = self.process_data.image();

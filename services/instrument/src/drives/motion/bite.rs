@@ -18,11 +18,16 @@ pub(super) async fn bite(link: &Link, current_limit_ma: f64) -> Result<BiteEnd, 
         current_limit_ma,
         following_error: link.spec().travel.span(),
     };
-    link.begin_profile(profile).await?;
-    watch.begin(link.ask().await?.stamp);
+    let mut seen = link.begin_profile(profile).await?.started();
+    watch.begin(seen);
     let mut presses = false;
     loop {
-        match watch.observe(&link.sample().await?) {
+        let sample = link.sample().await?;
+        for (position_mm, current_ma, stamp) in link.passed(seen, sample.stamp) {
+            watch.pass(position_mm, current_ma, stamp);
+        }
+        seen = seen.max(sample.stamp);
+        match watch.observe(&sample) {
             None if watch.presses() && !presses => {
                 watch.press(link.change_speed(bite.press.speed_mm_s).await?);
                 presses = true;
