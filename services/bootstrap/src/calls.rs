@@ -7,6 +7,7 @@
 //! Calls that ask for the processor take turns ([`Turns`]), so that a stop, which waits for none, finds few others before
 //! it where a hundred clients ask as fast as they are answered.
 
+use std::net::SocketAddr;
 use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
@@ -17,9 +18,12 @@ use http_body::Frame;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep};
 use tonic::body::Body;
-use tonic::{Code, Status};
+use tonic::transport::server::TcpConnectInfo;
+use tonic::{Code, Extensions, Status};
 use tower::{Layer, Service};
 
+use crate::host::{RefusedCall, Reports};
+use crate::identity::Caller;
 use crate::status;
 
 mod turns;
@@ -50,6 +54,7 @@ pub struct CallLayer {
     calls: Arc<Semaphore>,
     streams: Arc<Semaphore>,
     turns: Turns,
+    reports: Reports,
 }
 
 /// The right to be worked on and to be answered.
@@ -69,12 +74,13 @@ pub struct Calls<S> {
 
 impl CallLayer {
     /// For one server.
-    pub fn new(limits: Limits) -> Self {
+    pub(crate) fn new(limits: Limits, reports: Reports) -> Self {
         Self {
             limits,
             calls: Arc::new(Semaphore::new(limits.max_calls)),
             streams: Arc::new(Semaphore::new(limits.max_streams)),
             turns: Turns::new(limits.max_turns),
+            reports,
         }
     }
 
@@ -129,7 +135,13 @@ where
             match self.layer.admit() {
                 Ok(admitted) => Some(admitted),
                 Err(refusal) => {
-                    tracing::warn!(path, reason = refusal.message(), "call refused");
+                    self.layer.reports.refused(RefusedCall {
+                        caller: Some(Caller::of(request.extensions())),
+                        peer: peer_of(request.extensions()),
+                        method: path,
+                        reason: status::reason(&refusal).unwrap_or_default(),
+                        message: refusal.message().to_owned(),
+                    });
                     return Box::pin(async move { Ok(refusal.into_http()) });
                 }
             }
@@ -181,6 +193,11 @@ where
 /// What a future has to say now.
 async fn at_once<F: Future>(mut future: Pin<&mut F>) -> Poll<F::Output> {
     std::future::poll_fn(|context| Poll::Ready(future.as_mut().poll(context))).await
+}
+
+/// Where a call comes from.
+fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
+    extensions.get::<TcpConnectInfo>()?.remote_addr()
 }
 
 /// Stopping must get through when everything else is refused.

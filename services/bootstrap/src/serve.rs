@@ -12,6 +12,7 @@ use crate::calls::{CallLayer, Limits};
 use crate::config::{ServerConfig, TlsConfig};
 use crate::connections::{self, Connections};
 use crate::drain::DrainSource;
+use crate::host::Reports;
 use crate::{BoxError, reflection, run};
 
 /// A client is asked for a sign of life this often, and given up when it gives none for as long: one that reads nothing, too.
@@ -28,6 +29,7 @@ pub(crate) async fn serve(
     offers: Option<&[&str]>,
     config: ServerConfig,
     routes: Routes,
+    reports: Reports,
     drain: DrainSource,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
@@ -43,18 +45,19 @@ pub(crate) async fn serve(
     }
     let routes = reflection::mount(routes, &services)?.add_service(health_service);
 
+    let limits = Limits {
+        max_calls: config.max_calls,
+        max_streams: config.max_streams,
+        max_turns: config.max_turns,
+        default_deadline: Duration::from_secs_f64(config.default_deadline_s),
+    };
     let mut server = Server::builder()
         .http2_keepalive_interval(Some(KEEP_ALIVE))
         .http2_keepalive_timeout(Some(KEEP_ALIVE))
         .initial_stream_window_size(STREAM_WINDOW_BYTES)
         .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
         .max_concurrent_streams(STREAMS_A_CONNECTION)
-        .layer(CallLayer::new(Limits {
-            max_calls: config.max_calls,
-            max_streams: config.max_streams,
-            max_turns: config.max_turns,
-            default_deadline: Duration::from_secs_f64(config.default_deadline_s),
-        }));
+        .layer(CallLayer::new(limits, reports));
     if let Some(tls) = &config.tls {
         server = server.tls_config(tls_config(tls)?)?;
     }

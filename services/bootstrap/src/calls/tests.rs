@@ -21,12 +21,13 @@ fn limits(max_calls: usize) -> CallLayer {
 }
 
 fn layer(max_calls: usize, max_streams: usize, max_turns: usize) -> CallLayer {
-    CallLayer::new(Limits {
+    let limits = Limits {
         max_calls,
         max_streams,
         max_turns,
         default_deadline: Duration::from_millis(30),
-    })
+    };
+    CallLayer::new(limits, Reports::new())
 }
 
 /// Never answers.
