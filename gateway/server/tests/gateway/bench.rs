@@ -284,7 +284,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
 
 fn config(journal: PathBuf) -> Config {
     Config {
-        journal,
+        journal: journal.into(),
         ..Config::default()
     }
 }
