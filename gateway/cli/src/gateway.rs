@@ -247,6 +247,7 @@ impl Gateway {
     ) -> Result<Procedure, Failure> {
         let request = WatchProcedureRequest {
             procedure_id: procedure_id.to_owned(),
+            ..WatchProcedureRequest::default()
         };
         let mut states = self.procedures.watch_procedure(request).await?.into_inner();
         let bar = output.progress("procedure", 0);

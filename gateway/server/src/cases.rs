@@ -15,6 +15,7 @@ use tokio::sync::Mutex;
 use uuid::Uuid;
 
 use crate::approval::{self, Digest};
+use crate::aside::aside;
 use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
 use crate::clients::planning::PackedModel;
 use crate::config::Cell;
@@ -125,13 +126,17 @@ impl Cases {
         model: PackedModel,
         lesion_spacing_mm: f64,
     ) -> Result<Case> {
-        let info = ModelInfo {
-            digest: approval::model_digest(
-                &model.vertices,
-                &model.triangles,
-                &model.lesion,
+        let hashed = model.clone();
+        let digest = aside(move || {
+            approval::model_digest(
+                &hashed.vertices,
+                &hashed.triangles,
+                &hashed.lesion,
                 lesion_spacing_mm,
-            ),
+            )
+        });
+        let info = ModelInfo {
+            digest: digest.await,
             lesion_spacing_mm,
         };
         let blobs = [
@@ -148,8 +153,10 @@ impl Cases {
 
     /// Replaces the scene.
     pub async fn store_scene(&self, case_id: &str, scene: Scene) -> Result<Case> {
+        let hashed = scene.points.clone();
+        let digest = aside(move || approval::scene_digest(&hashed, scene.has_normals));
         let info = SceneInfo {
-            digest: approval::scene_digest(&scene.points, scene.has_normals),
+            digest: digest.await,
             point_count: scene.point_count,
             has_normals: scene.has_normals,
         };

@@ -49,6 +49,16 @@ pub enum Error {
         /// Uploads at the same time.
         limit: usize,
     },
+    /// An upload came to a halt, or would never end.
+    #[error(
+        "the upload is too slow: nothing came for {silence_s} s, or it lasted {whole_s} s; nothing was kept"
+    )]
+    UploadTooSlow {
+        /// Longest time between two messages.
+        silence_s: u64,
+        /// Longest time of all.
+        whole_s: u64,
+    },
     /// Model or scene is missing.
     #[error("the case has no {missing} yet")]
     CaseIncomplete {
@@ -166,6 +176,7 @@ impl Error {
             Self::UnknownCase(_) => "UNKNOWN_CASE",
             Self::UnknownProcedure(_) => "UNKNOWN_PROCEDURE",
             Self::TooManyUploads { .. } => "TOO_MANY_UPLOADS",
+            Self::UploadTooSlow { .. } => "UPLOAD_TOO_SLOW",
             Self::CaseIncomplete { .. } => "CASE_INCOMPLETE",
             Self::CaseChanged => "CASE_CHANGED",
             Self::NotRegistered => "NOT_REGISTERED",
@@ -195,6 +206,10 @@ impl Error {
             Self::UnknownCase(id) => vec![("case_id", id.clone())],
             Self::UnknownProcedure(id) => vec![("procedure_id", id.clone())],
             Self::TooManyUploads { limit } => vec![("limit", limit.to_string())],
+            Self::UploadTooSlow { silence_s, whole_s } => vec![
+                ("silence_s", silence_s.to_string()),
+                ("whole_s", whole_s.to_string()),
+            ],
             Self::CaseIncomplete { missing } => vec![("missing", (*missing).to_owned())],
             Self::RegistrationRejected { reasons } => vec![("reasons", reasons.join(","))],
             Self::DigestMismatch { seen, current } => {
@@ -266,7 +281,9 @@ impl From<Error> for Status {
                 status::not_found(error.reason(), message, &metadata)
             }
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
-            Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
+            Error::CaseChanged | Error::UploadTooSlow { .. } => {
+                status::aborted(error.reason(), message, &metadata)
+            }
             Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
                 status::refused(error.reason(), message, &metadata)
             }

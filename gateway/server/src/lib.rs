@@ -7,6 +7,7 @@
 //! own, not by the call that started it ([`procedure::sequencer`]).
 
 pub mod approval;
+mod aside;
 pub mod cases;
 pub mod clients;
 pub mod config;

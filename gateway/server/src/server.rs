@@ -6,7 +6,6 @@ mod procedure;
 use std::pin::Pin;
 
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
-use arthro_proto::gateway::v1::procedure_service_server::ProcedureServiceServer;
 use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{Code, Status};
@@ -25,9 +24,7 @@ pub fn routes(cases: Cases, procedures: Procedures, clients: Clients, jaw: Jaw) 
     Routes::new(CaseServiceServer::new(case::CaseApi::new(
         cases, clients, jaw,
     )))
-    .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
-        procedures,
-    )))
+    .add_service(procedure::watch::Watched::new(procedures))
 }
 
 /// A text for people: not blank, no control characters, at most `longest` characters.

@@ -14,6 +14,7 @@
 
 pub mod calls;
 pub mod config;
+mod connections;
 mod drain;
 mod host;
 pub mod identity;

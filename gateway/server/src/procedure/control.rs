@@ -206,7 +206,8 @@ impl Procedures {
         Ok(watch::channel(self.get(procedure_id).await?).1)
     }
 
-    async fn get(&self, procedure_id: &str) -> Result<Procedure> {
+    /// The procedure as it stands. An open one is not read from the journal.
+    pub async fn get(&self, procedure_id: &str) -> Result<Procedure> {
         match self.latest() {
             Some(open) if open.id == procedure_id => Ok(open),
             _ => self

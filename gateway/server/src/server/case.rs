@@ -15,6 +15,7 @@ use tonic::{Request, Response, Status, Streaming};
 
 use super::procedure::digest;
 use super::{Answers, id, refuse, text};
+use crate::aside::aside;
 use crate::cases::case::{Case, Stage};
 use crate::cases::{Cases, surface};
 use crate::clients::Clients;
@@ -246,7 +247,8 @@ impl CaseApi {
         use registration::register_response::Event;
         let (_, scene) = case.model_and_scene()?;
         let model = self.cases.packed_model(&case.id).await?;
-        let source = surface::sample(&surface::mesh(&model.vertices, &model.triangles));
+        let source =
+            aside(move || surface::sample(&surface::mesh(&model.vertices, &model.triangles))).await;
         let target = self.cases.blob(&case.id, Blob::Scene).await?;
         let options = registration::RegisterOptions {
             source: Some(wire::cloud_header(Frame::Ct, source.point_count, true)),

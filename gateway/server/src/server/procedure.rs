@@ -1,11 +1,14 @@
 //! `ProcedureService`.
 
+pub(super) mod watch;
+
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureService;
 use arthro_proto::gateway::v1::{self as proto};
+use prost::Message as _;
 use tokio_stream::StreamExt as _;
-use tokio_stream::wrappers::WatchStream;
 use tonic::{Request, Response, Status};
 
+use self::watch::Watch;
 use super::{Answers, Violations, id, refuse, text};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
@@ -16,11 +19,11 @@ use crate::procedure::{Procedure, State};
 use crate::wire;
 
 /// Serves the procedures.
-pub(super) struct ProcedureApi(Procedures);
+pub(super) struct ProcedureApi(Procedures, Watch);
 
 impl ProcedureApi {
-    pub(super) fn new(procedures: Procedures) -> Self {
-        Self(procedures)
+    fn new(procedures: Procedures, watch: Watch) -> Self {
+        Self(procedures, watch)
     }
 }
 
@@ -116,18 +119,27 @@ impl ProcedureService for ProcedureApi {
 
     type WatchProcedureStream = Answers<proto::WatchProcedureResponse>;
 
+    /// For whoever serves these methods without [`watch::Watched`] before them.
     async fn watch_procedure(
         &self,
         request: Request<proto::WatchProcedureRequest>,
     ) -> Result<Response<Self::WatchProcedureStream>, Status> {
-        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
-        let procedures = self.0.watch(&procedure_id).await.map_err(refuse)?;
-        let answers = WatchStream::new(procedures).map(|procedure| {
-            Ok(proto::WatchProcedureResponse {
-                procedure: Some(procedure_message(&procedure)),
-            })
+        let answers = self.1.states(request.into_inner()).await?.map(|state| {
+            proto::WatchProcedureResponse::decode(state?)
+                .map_err(|error| Status::internal(error.to_string()))
         });
         Ok(Response::new(Box::pin(answers)))
+    }
+
+    async fn get_procedure(
+        &self,
+        request: Request<proto::GetProcedureRequest>,
+    ) -> Result<Response<proto::GetProcedureResponse>, Status> {
+        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
+        let procedure = self.0.get(&procedure_id).await.map_err(refuse)?;
+        Ok(Response::new(proto::GetProcedureResponse {
+            procedure: Some(procedure_message(&procedure)),
+        }))
     }
 
     async fn list_procedures(

@@ -193,6 +193,7 @@ impl Bench {
     ) -> proto::Procedure {
         let request = proto::WatchProcedureRequest {
             procedure_id: procedure_id.to_owned(),
+            ..proto::WatchProcedureRequest::default()
         };
         let mut watching = self
             .procedures

@@ -12,3 +12,4 @@ mod fakes;
 mod input;
 mod plans;
 mod procedure;
+mod watch;
