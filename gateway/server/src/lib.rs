@@ -7,6 +7,7 @@
 //! own, not by the call that started it ([`procedure::sequencer`]).
 
 pub mod approval;
+pub mod audit;
 pub mod cases;
 pub mod clients;
 pub mod config;
@@ -25,10 +26,12 @@ use tonic::service::Routes;
 
 pub use crate::config::Config;
 
+use crate::audit::{Audit, Entry, Kind, Who, refusals};
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
+use crate::wall_clock::now_ms;
 
 /// The gateway as a server of the house.
 #[derive(Debug)]
@@ -51,13 +54,34 @@ impl Service for Server {
             &config.instrument,
         )?;
         let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
-        let cases = Cases::new(journal.clone(), cell);
-        let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
-        let leaving = procedures.clone();
+        let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
+        audit.record(started(&audit)).await?;
+        tokio::spawn(refusals::record(audit.clone(), host.refusals()));
+        let cases = Cases::new(journal.clone(), cell, config.approval, audit.clone());
+        let procedures =
+            Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
+        let leaving = (procedures.clone(), audit.clone());
         tokio::spawn(async move {
             host.drain.started().await;
-            leaving.leave().await;
+            let _hold = host.drain.hold();
+            let (procedures, audit) = leaving;
+            procedures.leave().await;
+            let ended = Entry::new(now_ms(), Kind::End, Who::gateway());
+            if let Err(error) = audit.record(ended).await {
+                tracing::error!(%error, "the end is not in the audit");
+            }
         });
-        Ok(server::routes(cases, procedures, clients, config.jaw))
+        Ok(server::routes(
+            cases, procedures, clients, config.jaw, audit,
+        ))
+    }
+}
+
+fn started(audit: &Audit) -> Entry {
+    let key = audit.keys().last().map_or("", |key| key.id().as_str());
+    Entry {
+        code: env!("CARGO_PKG_VERSION").to_owned(),
+        detail: format!("signs with the key {key}"),
+        ..Entry::new(now_ms(), Kind::Start, Who::gateway())
     }
 }

@@ -1,6 +1,7 @@
 //! The journal in one SQLite file: write-ahead log, `synchronous=FULL`, so that a returned write is
 //! on the disk; one connection writes, and a lock file beside it keeps a second gateway out.
 
+mod audit;
 mod rows;
 
 use std::fs::{File, OpenOptions, TryLockError};
@@ -13,7 +14,11 @@ use sqlx::sqlite::{
 };
 use sqlx::{Executor, Sqlite};
 
-use super::{Blob, Journal, JournalError};
+pub use audit::AuditFile;
+
+use super::{AuditFilter, AuditRow, Blob, Journal, JournalError};
+use crate::approval::Digest;
+use crate::audit::entry::{Link, Tail};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -25,7 +30,8 @@ const READERS: u32 = 4;
 
 const CASE_COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
-     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest";
+     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest, \
+     approved_role, approved_at_ms, countersigned_by, countersigned_role, countersigned_at_ms";
 
 /// The open journal. The file belongs to this gateway until the last clone is dropped.
 #[derive(Debug)]
@@ -64,6 +70,9 @@ impl SqliteJournal {
         }
         sqlx::migrate!("./migrations")
             .run(&writer)
+            .await
+            .map_err(|error| unusable(error.to_string()))?;
+        audit::guard(&writer)
             .await
             .map_err(|error| unusable(error.to_string()))?;
         let readers = pool(READERS)
@@ -140,11 +149,13 @@ impl Journal for SqliteJournal {
         let registration = case.registration.as_ref();
         let plan = case.plan.as_ref();
         let approval = case.approval.as_ref();
+        let second = approval.and_then(|approval| approval.second.as_ref());
         sqlx::query(
             "UPDATE cases SET revision = ?, model_digest = ?, lesion_spacing_mm = ?, scene_digest = ?, \
              scene_point_count = ?, scene_has_normals = ?, registration = ?, accepted_by = ?, plan = ?, \
              plan_jaw_width_mm = ?, plan_jaw_length_mm = ?, plan_jaw_throat_mm = ?, approved_by = ?, \
-             approved_digest = ? \
+             approved_digest = ?, approved_role = ?, approved_at_ms = ?, countersigned_by = ?, \
+             countersigned_role = ?, countersigned_at_ms = ? \
              WHERE case_id = ?",
         )
         .bind(rows::integer(case.revision))
@@ -159,8 +170,13 @@ impl Journal for SqliteJournal {
         .bind(plan.map(|plan| plan.jaw.width_mm))
         .bind(plan.map(|plan| plan.jaw.length_mm))
         .bind(plan.map(|plan| plan.jaw.throat_mm))
-        .bind(approval.map(|approval| &approval.surgeon))
+        .bind(approval.map(|approval| &approval.surgeon.name))
         .bind(approval.map(|approval| approval.digest.to_string()))
+        .bind(approval.map(|approval| &approval.surgeon.role))
+        .bind(approval.map(|approval| approval.surgeon.at_ms))
+        .bind(second.map(|second| &second.name))
+        .bind(second.map(|second| &second.role))
+        .bind(second.map(|second| second.at_ms))
         .bind(&case.id)
         .execute(&mut *transaction)
         .await?;
@@ -350,6 +366,22 @@ impl Journal for SqliteJournal {
             .iter()
             .map(rows::bite_outcome)
             .collect()
+    }
+
+    async fn append_audit(&self, links: &[Link]) -> Result<(), JournalError> {
+        self.insert_audit(links).await
+    }
+
+    async fn audit_tail(&self) -> Result<Tail, JournalError> {
+        self.last_audit().await
+    }
+
+    async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError> {
+        self.hash_of_audit(sequence).await
+    }
+
+    async fn audit(&self, filter: &AuditFilter, limit: u32) -> Result<Vec<AuditRow>, JournalError> {
+        audit::select(&self.readers, filter, limit).await
     }
 }
 

@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
 use crate::approval::Digest;
+use crate::audit::{Audit, witness};
 use crate::cases::Cases;
 use crate::clients::{Acted, Clients};
 use crate::error::{Error, Result};
@@ -30,6 +31,7 @@ struct Shared {
     journal: Arc<dyn Journal>,
     cases: Cases,
     clients: Clients,
+    audit: Audit,
     /// The procedure that is not over, if there is one.
     open: Mutex<Option<Open>>,
     /// Held while a start or recovery is being decided.
@@ -52,6 +54,7 @@ impl Procedures {
         journal: Arc<dyn Journal>,
         cases: Cases,
         clients: Clients,
+        audit: Audit,
     ) -> Result<Self> {
         let mut open = None;
         for mut procedure in journal.procedures().await? {
@@ -74,8 +77,10 @@ impl Procedures {
                 );
             }
             if procedure.state == State::Interrupted {
+                let published = watch::Sender::new(procedure);
+                tokio::spawn(witness::follow(audit.clone(), published.subscribe()));
                 open = Some(Open {
-                    published: watch::Sender::new(procedure),
+                    published,
                     wish: watch::Sender::new(Wish::Run),
                 });
             }
@@ -84,6 +89,7 @@ impl Procedures {
             journal,
             cases,
             clients,
+            audit,
             open: Mutex::new(open),
             deciding: tokio::sync::Mutex::default(),
             stops: AtomicU64::new(0),
@@ -307,6 +313,12 @@ impl Procedures {
             end,
         };
         let mut open = self.open();
+        let followed = open
+            .as_ref()
+            .is_some_and(|open| open.published.same_channel(&published));
+        if !followed {
+            tokio::spawn(witness::follow(self.0.audit.clone(), published.subscribe()));
+        }
         if self.stops() != stops_before {
             wish.send_replace(Wish::Stop(
                 "STOPPED",

@@ -1,12 +1,13 @@
 //! `ProcedureService`.
 
+use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureService;
 use arthro_proto::gateway::v1::{self as proto};
 use tokio_stream::StreamExt as _;
 use tokio_stream::wrappers::WatchStream;
 use tonic::{Request, Response, Status};
 
-use super::{Answers, Violations, id, refuse, text};
+use super::{Answers, Violations, id, person, refuse};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
 use crate::procedure::control::Procedures;
@@ -30,11 +31,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::StartProcedureRequest>,
     ) -> Result<Response<proto::StartProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let case_id = violations.check(id("case_id", request.case_id));
         let digest = violations.check(digest("plan_digest", &request.plan_digest));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(case_id), Some(digest), Some(operator)) = (case_id, digest, operator) else {
             return Err(refuse(Error::Invalid(Vec::new())));
@@ -98,11 +100,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::RecoverProcedureRequest>,
     ) -> Result<Response<proto::RecoverProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let action = violations.check(action(request.action()));
         let procedure_id = violations.check(id("procedure_id", request.procedure_id));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(procedure_id), Some(action), Some(operator)) = (procedure_id, action, operator)
         else {

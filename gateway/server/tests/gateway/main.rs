@@ -5,6 +5,8 @@
     reason = "clippy.toml allows them in tests, which leaves out the stand-ins that tests share"
 )]
 
+mod approval;
+mod audit;
 mod bench;
 mod cases;
 mod crash;
