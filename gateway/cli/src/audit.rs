@@ -9,7 +9,7 @@ use arthro_gateway::audit::heads;
 use arthro_gateway::audit::key::PublicKey;
 use arthro_gateway::audit::read::{JournalCheck, Verdict, check_export};
 use arthro_gateway::audit::verify::{Defect, Fault, Head};
-use arthro_gateway::journal::sqlite::AuditFile;
+use arthro_gateway::journal::sqlite;
 use arthro_proto::gateway::v1::{
     AuditEntry, AuditKind, ExportEntriesRequest, GetHeadRequest, ListEntriesRequest,
     VerifyChainRequest,
@@ -127,7 +127,7 @@ async fn verify_journal(path: &Path, verify: &AuditVerify, output: &Output) -> R
     let (keys, heads) = trusted(verify)?;
     let count = heads.len() as u64;
     let unreadable = |error| Failure::failed("JOURNAL_UNREADABLE", error);
-    let file = AuditFile::open(path).await.map_err(unreadable)?;
+    let file = sqlite::audit(path).await.map_err(unreadable)?;
     let check = JournalCheck::new(&file, keys, heads);
     concluded(check.run().await.map_err(unreadable)?, count, output)
 }

@@ -153,12 +153,12 @@ impl Canonical {
         canonical
     }
 
-    pub(crate) fn integer(&mut self, integer: u64) {
-        self.0.update(integer.to_le_bytes());
+    pub(crate) fn counter(&mut self, counter: u64) {
+        self.0.update(counter.to_le_bytes());
     }
 
     fn count(&mut self, count: usize) {
-        self.integer(count as u64);
+        self.counter(count as u64);
     }
 
     pub(crate) fn bytes(&mut self, bytes: &[u8]) {

@@ -11,16 +11,22 @@ use serde::{Deserialize, Serialize};
 use crate::approval::Policy;
 use crate::audit;
 use crate::audit::key::{KeyError, PublicKey, SigningKey};
+use crate::journal::Place;
 
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
+/// Characters of a gateway's name.
+const NAME_LONGEST: usize = 100;
 
 /// Section `gateway`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// The SQLite file of cases, procedures and steps; created when absent.
-    pub journal: PathBuf,
+    /// Where cases, procedures and steps are kept: the path of an SQLite file, created when absent, or the address of a
+    /// PostgreSQL database (`postgres://user@host/database`), which several gateways may share.
+    pub journal: Place,
+    /// How this gateway is named to others that share its journal, e.g. its address; empty: host and process.
+    pub name: String,
     /// Address of the registration service, host:port.
     pub registration: String,
     /// Address of the planning service, host:port.
@@ -139,7 +145,8 @@ pub struct ConfigError {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            journal: PathBuf::from("arthro-gateway.sqlite"),
+            journal: PathBuf::from("arthro-gateway.sqlite").into(),
+            name: String::new(),
             registration: "127.0.0.1:50051".to_owned(),
             planning: "127.0.0.1:50052".to_owned(),
             motion: "127.0.0.1:50053".to_owned(),
@@ -166,6 +173,28 @@ impl Default for AuditConfig {
 }
 
 impl Config {
+    /// How this gateway is named to others.
+    pub fn holder(&self) -> Result<String, ConfigError> {
+        let length = self.name.chars().count();
+        if length > NAME_LONGEST || self.name.chars().any(char::is_control) {
+            return Err(ConfigError {
+                field: "name",
+                problem: format!(
+                    "has {length} characters; must have at most {NAME_LONGEST}, none of them a control character"
+                ),
+            });
+        }
+        if !self.name.is_empty() {
+            return Ok(self.name.clone());
+        }
+        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        let host = match host.trim() {
+            "" => "gateway",
+            host => host,
+        };
+        Ok(format!("{host}, process {}", std::process::id()))
+    }
+
     /// Checks jaw and calibration; `None` when the cell is not calibrated.
     pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
         within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
@@ -212,8 +241,13 @@ impl Config {
 }
 
 impl AuditConfig {
-    /// Reads the keys, makes what is absent. `journal` is where the files lie unless they are configured.
-    pub fn open(&self, journal: &Path) -> Result<audit::Options, KeyError> {
+    /// Reads the keys, makes what is absent. The files lie beside the journal's file, or in the working folder where that is
+    /// no file, unless they are configured.
+    pub fn open(&self, journal: &Place) -> Result<audit::Options, KeyError> {
+        let journal = match journal {
+            Place::File(path) => path.as_path(),
+            Place::Postgres(_) => Path::new("arthro-gateway"),
+        };
         let beside = |configured: &Option<PathBuf>, ending: &str| {
             configured.clone().unwrap_or_else(|| {
                 let mut path = journal.as_os_str().to_owned();

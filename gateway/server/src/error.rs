@@ -113,7 +113,7 @@ pub enum Error {
     NoSecondApproval,
     /// Whoever signs has not the role for it.
     #[error("{name} has the role {role}; a surgeon is needed")]
-    SurgeonNeeded {
+    SurgeonMustSign {
         /// Who.
         name: String,
         /// The role held.
@@ -218,7 +218,7 @@ impl Error {
             Self::SecondApprovalNeeded { .. } => "SECOND_APPROVAL_NEEDED",
             Self::SamePerson { .. } => "SAME_PERSON",
             Self::NoSecondApproval => "NO_SECOND_APPROVAL",
-            Self::SurgeonNeeded { .. } => "SURGEON_NEEDED",
+            Self::SurgeonMustSign { .. } => "SURGEON_NEEDED",
             Self::ApprovalVoid { .. } => "APPROVAL_VOID",
             Self::ProcedureActive { .. } => "PROCEDURE_ACTIVE",
             Self::WrongState { .. } => "PROCEDURE_STATE",
@@ -229,6 +229,8 @@ impl Error {
             Self::Downstream(failure) => failure.reason(),
             Self::Audit(_) => AUDIT_FAILED,
             Self::AuditDamaged { .. } => "AUDIT_DAMAGED",
+            Self::Journal(JournalError::NotInCommand { .. }) => "NOT_IN_COMMAND",
+            Self::Journal(JournalError::Fenced { .. }) => "FENCED",
             Self::Journal(_) => "JOURNAL_FAILED",
         }
     }
@@ -253,7 +255,7 @@ impl Error {
                 ("approved_by", approved_by.clone()),
             ],
             Self::SamePerson { name } => vec![("name", name.clone())],
-            Self::SurgeonNeeded { name, role } => {
+            Self::SurgeonMustSign { name, role } => {
                 vec![("name", name.clone()), ("role", role.clone())]
             }
             Self::ApprovalVoid { approved, current } => vec![
@@ -279,6 +281,9 @@ impl Error {
             Self::NoBiteInterrupted { procedure_id } => {
                 vec![("procedure_id", procedure_id.clone())]
             }
+            Self::Journal(
+                JournalError::NotInCommand { holder } | JournalError::Fenced { holder, .. },
+            ) => vec![("in_command", holder.clone())],
             Self::UnreachableBite {
                 bite,
                 check,
@@ -319,10 +324,13 @@ impl From<Error> for Status {
                 status::not_found(error.reason(), message, &metadata)
             }
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
-            Error::SurgeonNeeded { .. } => {
+            Error::SurgeonMustSign { .. } => {
                 status::with_reason(Code::PermissionDenied, error.reason(), message, &metadata)
             }
             Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
+            Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
+                status::refused(error.reason(), message, &metadata)
+            }
             Error::Journal(_) | Error::Audit(_) => {
                 status::unavailable(error.reason(), message, &metadata)
             }

@@ -19,8 +19,6 @@ mod wall_clock;
 pub mod wire;
 mod words;
 
-use std::sync::Arc;
-
 use arthro_bootstrap::{BoxError, Host, Service};
 use tonic::service::Routes;
 
@@ -29,7 +27,6 @@ pub use crate::config::Config;
 use crate::audit::{Audit, Entry, Kind, Who, refusals};
 use crate::cases::Cases;
 use crate::clients::Clients;
-use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
 use crate::wall_clock::now_ms;
 
@@ -53,7 +50,7 @@ impl Service for Server {
             &config.motion,
             &config.instrument,
         )?;
-        let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
+        let journal = journal::open(&config.journal, &config.holder()?).await?;
         let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
         audit.record(started(&audit)).await?;
         tokio::spawn(refusals::record(audit.clone(), host.refusals()));
@@ -61,15 +58,16 @@ impl Service for Server {
         let procedures =
             Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
         let leaving = (procedures.clone(), audit.clone());
+        let hold = host.drain.hold();
         tokio::spawn(async move {
             host.drain.started().await;
-            let _hold = host.drain.hold();
             let (procedures, audit) = leaving;
             procedures.leave().await;
             let ended = Entry::new(now_ms(), Kind::End, Who::gateway());
             if let Err(error) = audit.record(ended).await {
                 tracing::error!(%error, "the end is not in the audit");
             }
+            drop(hold);
         });
         Ok(server::routes(
             cases, procedures, clients, config.jaw, audit,

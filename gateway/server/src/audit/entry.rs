@@ -155,7 +155,7 @@ impl Entry {
     pub fn hash(&self, sequence: u64, previous: &Digest, key: &KeyId) -> Digest {
         let mut canonical = Canonical::new("arthro.audit.entry.v1");
         canonical.bytes(previous.as_bytes());
-        canonical.integer(sequence);
+        canonical.counter(sequence);
         canonical.bytes(&self.at_ms.to_le_bytes());
         for text in [
             self.kind.as_str(),
@@ -173,7 +173,7 @@ impl Entry {
             let bytes = digest.as_ref().map_or(&[][..], |digest| digest.as_bytes());
             canonical.bytes(bytes);
         }
-        canonical.integer(self.answers);
+        canonical.counter(self.answers);
         for text in [&self.code, &self.reason, &self.detail] {
             canonical.bytes(text.as_bytes());
         }

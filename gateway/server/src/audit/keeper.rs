@@ -245,19 +245,32 @@ impl Keeper {
         while !self.waiting.is_empty() {
             let count = self.waiting.len().min(BATCH);
             let batch: Vec<Item> = self.waiting.drain(..count).collect();
-            match self.write(&batch).await {
-                Ok(()) => {
-                    for done in batch.into_iter().filter_map(|item| item.done) {
-                        done.send(Ok(())).ok();
-                    }
-                }
+            let last = match self.write(&batch).await {
+                Ok(last) => last,
                 Err(error) => {
                     tracing::error!(%error, "commands are refused until it can be");
                     self.give_up(batch, &error);
                     return;
                 }
+            };
+            let lasting = batch.iter().any(|item| lasting(item.entry.kind));
+            let kept = self.keep_head(&last, lasting).await;
+            if let Err(error) = &kept {
+                tracing::error!(%error, "commands are refused until it can be");
+            }
+            for done in batch.into_iter().filter_map(|item| item.done) {
+                done.send(kept.clone()).ok();
             }
         }
+    }
+
+    /// The entries stand in the chain by now; without their head they could be cut off again.
+    async fn keep_head(&mut self, head: &Head, lasting: bool) -> Result<(), AuditFailed> {
+        self.heads.append(head).await.map_err(failed)?;
+        if lasting {
+            self.heads.sync().await.map_err(failed)?;
+        }
+        Ok(())
     }
 
     /// Whoever waits is told; what nobody waits for stays, in its order.
@@ -278,12 +291,12 @@ impl Keeper {
         self.waiting = stays;
     }
 
-    /// Writes the batch after the chain's end, wherever another gateway has taken that meanwhile.
-    async fn write(&mut self, batch: &[Item]) -> Result<(), AuditFailed> {
+    /// Writes the batch after the chain's end, wherever another gateway has taken that meanwhile; the chain's head then.
+    async fn write(&mut self, batch: &[Item]) -> Result<Head, AuditFailed> {
         for _ in 0..ATTEMPTS {
             let links = self.link(batch);
             let Some(last) = links.last() else {
-                return Ok(());
+                return Err(AuditFailed("there is nothing to write".to_owned()));
             };
             if let Err(error) = self.journal.append_audit(&links).await {
                 // A write that failed may still have been written; and another gateway may have been first.
@@ -302,11 +315,7 @@ impl Keeper {
                 }
             }
             self.tail = Tail::from(last);
-            self.heads.append(&Head::from(last)).await.map_err(failed)?;
-            if batch.iter().any(|item| lasting(item.entry.kind)) {
-                self.heads.sync().await.map_err(failed)?;
-            }
-            return Ok(());
+            return Ok(Head::from(last));
         }
         Err(AuditFailed(format!(
             "another gateway was first {ATTEMPTS} times"

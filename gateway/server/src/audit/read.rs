@@ -24,7 +24,7 @@ pub trait Entries: Send + Sync {
 }
 
 #[tonic::async_trait]
-impl Entries for dyn Journal {
+impl Entries for dyn Journal + '_ {
     async fn entries(
         &self,
         filter: &AuditFilter,

@@ -235,7 +235,7 @@ impl Case {
     ) -> Result<()> {
         self.see(seen, current)?;
         if !surgeon.may_approve() {
-            return Err(Error::SurgeonNeeded {
+            return Err(Error::SurgeonMustSign {
                 name: surgeon.name,
                 role: surgeon.role,
             });
@@ -264,7 +264,7 @@ impl Case {
             return Err(Error::NoSecondApproval);
         }
         if !policy.admits_second(&person) {
-            return Err(Error::SurgeonNeeded {
+            return Err(Error::SurgeonMustSign {
                 name: person.name,
                 role: person.role,
             });
@@ -444,7 +444,7 @@ mod tests {
         let operator = signatory("Olsen", Role::Operator);
         assert!(matches!(
             case.countersign(operator.clone(), digest, digest, TWO_SURGEONS),
-            Err(Error::SurgeonNeeded { .. })
+            Err(Error::SurgeonMustSign { .. })
         ));
         assert!(matches!(
             case.countersign(operator.clone(), digest, digest, ONE),
@@ -463,7 +463,7 @@ mod tests {
         for role in [Role::Viewer, Role::Operator, Role::Service] {
             assert!(matches!(
                 case.approve(signatory("Olsen", role), digest, digest, WITH_OPERATOR),
-                Err(Error::SurgeonNeeded { .. })
+                Err(Error::SurgeonMustSign { .. })
             ));
         }
         assert!(matches!(

@@ -221,7 +221,7 @@ impl Bench {
 
     /// The journal's file, as somebody else on this machine opens it.
     pub async fn intrude(&self) -> SqliteConnection {
-        let url = format!("sqlite://{}", self.config.journal.display());
+        let url = format!("sqlite://{}", self.config.journal);
         SqliteConnection::connect(&url).await.unwrap()
     }
 
@@ -341,7 +341,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
 
 fn config(journal: PathBuf) -> Config {
     Config {
-        journal,
+        journal: journal.into(),
         ..Config::default()
     }
 }

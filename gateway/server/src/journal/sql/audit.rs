@@ -1,11 +1,10 @@
-//! The audit's table. Rows are only ever added; whoever tries otherwise through the database meets a trigger.
+//! The audit's table. Rows are only ever added; whoever tries otherwise through the database meets a trigger. Writes are
+//! not fenced: a gateway that is not in command refuses and stops, and that is recorded too.
 
-use std::path::Path;
+use sqlx::any::AnyRow;
+use sqlx::{AnyPool, Row as _};
 
-use sqlx::Row as _;
-use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqliteRow};
-
-use super::{SqliteJournal, rows};
+use super::{Dialect, rows};
 use crate::approval::Digest;
 use crate::audit::entry::{Entry, GENESIS, Kind, Link, Tail, Who};
 use crate::audit::key::KeyId;
@@ -21,95 +20,96 @@ const SELECT: &str = "SELECT * FROM audit WHERE sequence >= $1 AND sequence <= $
      AND ($5 = '' OR name = $6 OR stated = $7) AND ($8 = '' OR case_id = $9) AND ($10 = '' OR procedure_id = $11) \
      AND at_ms >= $12 AND at_ms <= $13";
 
-/// Rows are only added. It stops a mistake; whoever means harm is found by the chain.
-const APPEND_ONLY: [&str; 2] = [
-    "CREATE TRIGGER IF NOT EXISTS audit_is_not_changed BEFORE UPDATE ON audit \
-     BEGIN SELECT RAISE(ABORT, 'the audit is append only'); END",
-    "CREATE TRIGGER IF NOT EXISTS audit_is_not_deleted BEFORE DELETE ON audit \
-     BEGIN SELECT RAISE(ABORT, 'the audit is append only'); END",
-];
+/// It stops a mistake; whoever means harm is found by the chain.
+const APPEND_ONLY_IN_SQLITE: &str = "CREATE TRIGGER IF NOT EXISTS audit_is_not_changed BEFORE UPDATE ON audit \
+     BEGIN SELECT RAISE(ABORT, 'the audit is append only'); END; \
+     CREATE TRIGGER IF NOT EXISTS audit_is_not_deleted BEFORE DELETE ON audit \
+     BEGIN SELECT RAISE(ABORT, 'the audit is append only'); END";
+/// The lock keeps two gateways that start at once apart.
+const APPEND_ONLY_IN_POSTGRES: &str = "DO $guard$ BEGIN \
+     PERFORM pg_advisory_xact_lock(7220105); \
+     IF NOT EXISTS (SELECT 1 FROM pg_trigger \
+         WHERE tgname = 'audit_is_append_only' AND tgrelid = 'audit'::regclass) THEN \
+       CREATE OR REPLACE FUNCTION audit_is_append_only() RETURNS trigger LANGUAGE plpgsql AS \
+         'BEGIN RAISE EXCEPTION ''the audit is append only''; END'; \
+       CREATE TRIGGER audit_is_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON audit \
+         FOR EACH STATEMENT EXECUTE FUNCTION audit_is_append_only(); \
+     END IF; END $guard$";
 
 /// Has the database itself refuse what no gateway does.
-pub(super) async fn guard(writer: &SqlitePool) -> Result<(), sqlx::Error> {
-    for trigger in APPEND_ONLY {
-        sqlx::query(trigger).execute(writer).await?;
-    }
+pub async fn guard(pool: &AnyPool, dialect: Dialect) -> Result<(), sqlx::Error> {
+    let triggers = match dialect {
+        Dialect::Sqlite => APPEND_ONLY_IN_SQLITE,
+        Dialect::Postgres => APPEND_ONLY_IN_POSTGRES,
+    };
+    sqlx::raw_sql(triggers).execute(pool).await?;
     Ok(())
 }
 
-impl SqliteJournal {
-    pub(super) async fn insert_audit(&self, links: &[Link]) -> Result<(), JournalError> {
-        let mut transaction = self.writer.begin().await?;
-        for link in links {
-            let entry = &link.entry;
-            sqlx::query(INSERT)
-                .bind(rows::integer(link.sequence))
-                .bind(link.previous.as_bytes().to_vec())
-                .bind(entry.at_ms)
-                .bind(entry.kind.as_str())
-                .bind(&entry.who.name)
-                .bind(&entry.who.role)
-                .bind(&entry.who.peer)
-                .bind(&entry.stated)
-                .bind(&entry.method)
-                .bind(&entry.case_id)
-                .bind(&entry.procedure_id)
-                .bind(bytes(entry.request))
-                .bind(bytes(entry.plan))
-                .bind(rows::integer(entry.answers))
-                .bind(&entry.code)
-                .bind(&entry.reason)
-                .bind(&entry.detail)
-                .bind(link.hash.as_bytes().to_vec())
-                .bind(link.key.as_str())
-                .bind(link.signature.to_vec())
-                .execute(&mut *transaction)
-                .await?;
-        }
-        transaction.commit().await?;
-        Ok(())
-    }
-
-    pub(super) async fn last_audit(&self) -> Result<Tail, JournalError> {
-        let row = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1")
-            .fetch_optional(&self.readers)
+/// Adds entries, all or none.
+pub async fn insert(pool: &AnyPool, links: &[Link]) -> Result<(), JournalError> {
+    let mut transaction = pool.begin().await?;
+    for link in links {
+        let entry = &link.entry;
+        sqlx::query(INSERT)
+            .bind(rows::integer(link.sequence))
+            .bind(link.previous.as_bytes().to_vec())
+            .bind(entry.at_ms)
+            .bind(entry.kind.as_str())
+            .bind(&entry.who.name)
+            .bind(&entry.who.role)
+            .bind(&entry.who.peer)
+            .bind(&entry.stated)
+            .bind(&entry.method)
+            .bind(&entry.case_id)
+            .bind(&entry.procedure_id)
+            .bind(bytes(entry.request))
+            .bind(bytes(entry.plan))
+            .bind(rows::integer(entry.answers))
+            .bind(&entry.code)
+            .bind(&entry.reason)
+            .bind(&entry.detail)
+            .bind(link.hash.as_bytes().to_vec())
+            .bind(link.key.as_str())
+            .bind(link.signature.to_vec())
+            .execute(&mut *transaction)
             .await?;
-        let Some(row) = row else {
-            return Ok(Tail::EMPTY);
-        };
-        Ok(Tail {
-            sequence: row.try_get::<i64, _>("sequence")?.unsigned_abs(),
-            // A damaged end is found by whoever checks; the chain goes on all the same.
-            hash: digest(&row.try_get::<Vec<u8>, _>("hash")?).unwrap_or(GENESIS),
-        })
     }
+    Ok(transaction.commit().await?)
+}
 
-    pub(super) async fn hash_of_audit(
-        &self,
-        sequence: u64,
-    ) -> Result<Option<Digest>, JournalError> {
-        let hash: Option<Vec<u8>> =
-            sqlx::query_scalar("SELECT hash FROM audit WHERE sequence = $1")
-                .bind(rows::integer(sequence))
-                .fetch_optional(&self.readers)
-                .await?;
-        Ok(hash.as_deref().and_then(digest))
-    }
+/// Where the chain ends.
+pub async fn tail(pool: &AnyPool) -> Result<Tail, JournalError> {
+    let row = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1")
+        .fetch_optional(pool)
+        .await?;
+    let Some(row) = row else {
+        return Ok(Tail::EMPTY);
+    };
+    Ok(Tail {
+        sequence: row.try_get::<i64, _>("sequence")?.unsigned_abs(),
+        // A damaged end is found by whoever checks; the chain goes on all the same.
+        hash: digest(&row.try_get::<Vec<u8>, _>("hash")?).unwrap_or(GENESIS),
+    })
+}
+
+/// The hash of one entry.
+pub async fn hash(pool: &AnyPool, sequence: u64) -> Result<Option<Digest>, JournalError> {
+    let hash: Option<Vec<u8>> = sqlx::query_scalar("SELECT hash FROM audit WHERE sequence = $1")
+        .bind(rows::integer(sequence))
+        .fetch_optional(pool)
+        .await?;
+    Ok(hash.as_deref().and_then(digest))
 }
 
 /// The audit in a journal file: read and never written, a gateway may be running on it.
 #[derive(Debug)]
-pub struct AuditFile(SqlitePool);
+pub struct AuditFile(AnyPool);
 
 impl AuditFile {
-    /// Opens the file, which must be there.
-    pub async fn open(path: &Path) -> Result<Self, JournalError> {
-        let options = SqliteConnectOptions::new().filename(path).read_only(true);
-        let pool = SqlitePool::connect_with(options).await;
-        pool.map(Self).map_err(|error| JournalError::Unusable {
-            path: path.to_owned(),
-            problem: error.to_string(),
-        })
+    /// Of a pool that only reads.
+    pub(in crate::journal) fn new(pool: AnyPool) -> Self {
+        Self(pool)
     }
 }
 
@@ -125,8 +125,8 @@ impl Entries for AuditFile {
 }
 
 /// At most `limit` of the entries that the filter lets through.
-pub(super) async fn select(
-    pool: &SqlitePool,
+pub async fn select(
+    pool: &AnyPool,
     filter: &AuditFilter,
     limit: u32,
 ) -> Result<Vec<AuditRow>, JournalError> {
@@ -157,7 +157,7 @@ pub(super) async fn select(
     rows.iter().map(row).collect()
 }
 
-fn row(row: &SqliteRow) -> Result<AuditRow, JournalError> {
+fn row(row: &AnyRow) -> Result<AuditRow, JournalError> {
     let sequence = row.try_get::<i64, _>("sequence")?.unsigned_abs();
     Ok(AuditRow {
         sequence,
@@ -166,7 +166,7 @@ fn row(row: &SqliteRow) -> Result<AuditRow, JournalError> {
 }
 
 /// What cannot be read is handed on as it is: it is the check's to say what that means.
-fn link(row: &SqliteRow, sequence: u64) -> Result<Link, Box<dyn std::error::Error>> {
+fn link(row: &AnyRow, sequence: u64) -> Result<Link, Box<dyn std::error::Error>> {
     let kind: String = row.try_get("kind")?;
     let digest_of = |column: &str| -> Result<Digest, Box<dyn std::error::Error>> {
         let bytes: Vec<u8> = row.try_get(column)?;
