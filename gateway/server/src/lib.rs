@@ -51,9 +51,11 @@ impl Service for Server {
         let cases = Cases::new(journal.clone(), cell);
         let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
         let leaving = procedures.clone();
+        let hold = drain.hold();
         tokio::spawn(async move {
             drain.started().await;
             leaving.leave().await;
+            drop(hold);
         });
         Ok(server::routes(cases, procedures, clients, config.jaw))
     }

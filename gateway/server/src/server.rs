@@ -2,6 +2,7 @@
 
 mod case;
 mod procedure;
+mod standby;
 
 use std::pin::Pin;
 
@@ -22,12 +23,16 @@ type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 /// Both services.
 pub fn routes(cases: Cases, procedures: Procedures, clients: Clients, jaw: Jaw) -> Routes {
+    let on_duty = standby::OnDuty(procedures.duty());
     Routes::new(CaseServiceServer::new(case::CaseApi::new(
         cases, clients, jaw,
     )))
     .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
         procedures,
     )))
+    .into_axum_router()
+    .layer(on_duty)
+    .into()
 }
 
 /// A text for people: not blank, no control characters, at most `longest` characters.

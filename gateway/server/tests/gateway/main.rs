@@ -8,7 +8,11 @@
 mod bench;
 mod cases;
 mod crash;
+mod failover;
 mod fakes;
 mod input;
 mod plans;
+#[path = "../shared/postgres.rs"]
+mod postgres;
 mod procedure;
+mod storage;

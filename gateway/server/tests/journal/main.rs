@@ -6,6 +6,8 @@
 )]
 
 mod contract;
+mod damage;
+mod fenced;
 #[path = "../shared/postgres.rs"]
 mod postgres;
 mod store;
