@@ -155,6 +155,15 @@ pub enum Duty {
     },
 }
 
+impl Duty {
+    /// Standby while it is not known who commands.
+    pub const fn nobody() -> Self {
+        Self::Standby {
+            holder: String::new(),
+        }
+    }
+}
+
 words! {
     /// The large parts of a case.
     Blob {

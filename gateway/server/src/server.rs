@@ -3,6 +3,7 @@
 mod audit;
 mod case;
 mod procedure;
+mod standby;
 
 use std::pin::Pin;
 
@@ -25,7 +26,7 @@ use crate::procedure::control::Procedures;
 /// A stream of answers.
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// The services, each behind the audit.
+/// The services, each behind the audit, and those that command behind the gateway's duty.
 pub fn routes(
     cases: Cases,
     procedures: Procedures,
@@ -34,15 +35,12 @@ pub fn routes(
     audit: Audit,
 ) -> Routes {
     let audited = AuditLayer::new(audit.clone());
-    Routes::new(audited.layer(CaseServiceServer::new(case::CaseApi::new(
-        cases, clients, jaw,
-    ))))
-    .add_service(
-        audited.layer(ProcedureServiceServer::new(procedure::ProcedureApi::new(
-            procedures,
-        ))),
-    )
-    .add_service(audited.layer(AuditServiceServer::new(audit::AuditApi::new(audit))))
+    let on_duty = standby::OnDuty(procedures.duty());
+    let cases = CaseServiceServer::new(case::CaseApi::new(cases, clients, jaw));
+    let procedures = ProcedureServiceServer::new(procedure::ProcedureApi::new(procedures));
+    Routes::new(audited.layer(on_duty.layer(cases)))
+        .add_service(audited.layer(on_duty.layer(procedures)))
+        .add_service(audited.layer(AuditServiceServer::new(audit::AuditApi::new(audit))))
 }
 
 /// Who acts: the person whom a field of the request names, who must be the one of the certificate where there is one.

@@ -76,7 +76,11 @@ fn unusable(server: &str, problem: String) -> JournalError {
     }
 }
 
+/// Statements are prepared anew each time: kept ones would keep the types of their first values, and a double that was
+/// NULL the first time is declared as a shorter one than those that follow.
 async fn pool(connections: u32, server: &str, setting: &'static str) -> sqlx::Result<AnyPool> {
+    let separator = if server.contains('?') { '&' } else { '?' };
+    let address = format!("{server}{separator}statement-cache-capacity=0");
     AnyPoolOptions::new()
         .max_connections(connections)
         .acquire_timeout(ACQUIRE_TIMEOUT)
@@ -86,6 +90,6 @@ async fn pool(connections: u32, server: &str, setting: &'static str) -> sqlx::Re
                 Ok(())
             })
         })
-        .connect(server)
+        .connect(&address)
         .await
 }

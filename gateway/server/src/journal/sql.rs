@@ -73,16 +73,13 @@ pub(super) enum Dialect {
 impl SqlJournal {
     /// On a database whose tables are up to date. Nothing can be written before command is taken.
     pub(super) fn new(pools: Pools, dialect: Dialect, lock: Option<File>) -> Self {
-        let nobody = Duty::Standby {
-            holder: String::new(),
-        };
         Self {
             writer: pools.writer,
             readers: pools.readers,
             keeper: pools.keeper,
             changing: Mutex::default(),
             dialect,
-            duty: watch::Sender::new(nobody),
+            duty: watch::Sender::new(Duty::nobody()),
             _lock: lock,
         }
     }
@@ -98,13 +95,13 @@ impl SqlJournal {
                 });
             }
         };
-        let mut transaction = self.writer.begin().await?;
+        let mut transaction = self.writer.begin_with(self.dialect.begin()).await?;
         if command::hold(&mut transaction, self.dialect, epoch).await? {
             return Ok(transaction);
         }
-        // Whatever these two come to, nothing was written and nothing will be.
-        let holder = self.lose(epoch).await.unwrap_or_default();
+        // Whatever these two come to, nothing was written and nothing will be. The first gives the connection back.
         transaction.rollback().await.ok();
+        let holder = self.lose(epoch).await.unwrap_or_default();
         Err(JournalError::Fenced { epoch, holder })
     }
 }

@@ -39,7 +39,7 @@ impl Bench {
     pub async fn with(configure: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let journal = folder.path().join("gateway.sqlite");
-        let world = World::new(journal.clone());
+        let world = World::new(journal.clone().into());
         let address = world.serve().await;
         let mut config = Config {
             registration: address.clone(),
@@ -51,13 +51,20 @@ impl Bench {
         };
         configure(&mut config);
         let (runtime, channel) = gateway(config.clone()).await;
+        let mut bench = Self::at(channel, world, config, folder);
+        bench.runtime = Some(runtime);
+        bench
+    }
+
+    /// A client of a gateway that runs elsewhere.
+    pub fn at(channel: Channel, world: Arc<World>, config: Config, folder: TempDir) -> Self {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
             procedures: ProcedureServiceClient::new(channel.clone()),
             audit: AuditServiceClient::new(channel),
             config,
-            runtime: Some(runtime),
+            runtime: None,
             _folder: folder,
         }
     }

@@ -10,7 +10,11 @@ mod audit;
 mod bench;
 mod cases;
 mod crash;
+mod failover;
 mod fakes;
 mod input;
 mod plans;
+#[path = "../shared/postgres.rs"]
+mod postgres;
 mod procedure;
+mod storage;

@@ -7,6 +7,8 @@
 
 mod audit;
 mod contract;
+mod damage;
+mod fenced;
 #[path = "../shared/postgres.rs"]
 mod postgres;
 mod store;
