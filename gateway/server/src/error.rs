@@ -1,9 +1,11 @@
 //! Everything the gateway refuses or fails with, and the one table that maps it to a status.
 
 use arthro_bootstrap::status;
-use tonic::Status;
+use tonic::{Code, Status};
 
 use crate::approval::Digest;
+use crate::audit::AuditFailed;
+use crate::audit::layer::AUDIT_FAILED;
 use crate::clients::Failure;
 use crate::journal::JournalError;
 use crate::procedure::State;
@@ -100,6 +102,33 @@ pub enum Error {
         /// The plan in force.
         digest: Digest,
     },
+    /// Another person must approve too.
+    #[error(
+        "the plan {digest} is approved by {approved_by} alone; another person must put their name to it"
+    )]
+    SecondApprovalNeeded {
+        /// The plan in force.
+        digest: Digest,
+        /// Who approved it.
+        approved_by: String,
+    },
+    /// The second person is the first one.
+    #[error("{name} approved this plan already; the second person must be another one")]
+    SamePerson {
+        /// Who.
+        name: String,
+    },
+    /// One person is enough.
+    #[error("no second person is needed: gateway.approval.persons is 1")]
+    NoSecondApproval,
+    /// Whoever signs has not the role for it.
+    #[error("{name} has the role {role}; a surgeon is needed")]
+    SurgeonMustSign {
+        /// Who.
+        name: String,
+        /// The role held.
+        role: String,
+    },
     /// The plan, registration, calibration or model changed since the approval.
     #[error("the approval of {approved} is void: {current} is in force")]
     ApprovalVoid {
@@ -158,6 +187,17 @@ pub enum Error {
     /// A service that the gateway calls refused, failed or is away.
     #[error(transparent)]
     Downstream(#[from] Failure),
+    /// The audit cannot be written: nothing is done that would not be recorded.
+    #[error(transparent)]
+    Audit(#[from] AuditFailed),
+    /// An entry of the audit cannot be read.
+    #[error("entry {sequence} of the audit is damaged: {problem}")]
+    AuditDamaged {
+        /// Which one.
+        sequence: u64,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// The journal cannot be read or written.
     #[error("the journal failed")]
     Journal(#[from] JournalError),
@@ -186,6 +226,10 @@ impl Error {
             Self::NotCalibrated => "NOT_CALIBRATED",
             Self::DigestMismatch { .. } => "DIGEST_MISMATCH",
             Self::NotApproved { .. } => "NOT_APPROVED",
+            Self::SecondApprovalNeeded { .. } => "SECOND_APPROVAL_NEEDED",
+            Self::SamePerson { .. } => "SAME_PERSON",
+            Self::NoSecondApproval => "NO_SECOND_APPROVAL",
+            Self::SurgeonMustSign { .. } => "SURGEON_NEEDED",
             Self::ApprovalVoid { .. } => "APPROVAL_VOID",
             Self::ProcedureActive { .. } => "PROCEDURE_ACTIVE",
             Self::WrongState { .. } => "PROCEDURE_STATE",
@@ -194,6 +238,8 @@ impl Error {
             Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
             Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
             Self::Downstream(failure) => failure.reason(),
+            Self::Audit(_) => AUDIT_FAILED,
+            Self::AuditDamaged { .. } => "AUDIT_DAMAGED",
             Self::Journal(JournalError::NotInCommand { .. }) => "NOT_IN_COMMAND",
             Self::Journal(JournalError::Fenced { .. }) => "FENCED",
             Self::Journal(_) => "JOURNAL_FAILED",
@@ -216,6 +262,17 @@ impl Error {
                 vec![("seen", seen.to_string()), ("current", current.to_string())]
             }
             Self::NotApproved { digest } => vec![("plan_digest", digest.to_string())],
+            Self::SecondApprovalNeeded {
+                digest,
+                approved_by,
+            } => vec![
+                ("plan_digest", digest.to_string()),
+                ("approved_by", approved_by.clone()),
+            ],
+            Self::SamePerson { name } => vec![("name", name.clone())],
+            Self::SurgeonMustSign { name, role } => {
+                vec![("name", name.clone()), ("role", role.clone())]
+            }
             Self::ApprovalVoid { approved, current } => vec![
                 ("approved", approved.to_string()),
                 ("current", current.clone()),
@@ -260,6 +317,7 @@ impl Error {
                 ("check", check.clone()),
                 ("detail", detail.clone()),
             ],
+            Self::AuditDamaged { sequence, .. } => vec![("sequence", sequence.to_string())],
             _ => Vec::new(),
         }
     }
@@ -284,10 +342,15 @@ impl From<Error> for Status {
             Error::CaseChanged | Error::UploadTooSlow { .. } => {
                 status::aborted(error.reason(), message, &metadata)
             }
+            Error::SurgeonMustSign { .. } => {
+                status::with_reason(Code::PermissionDenied, error.reason(), message, &metadata)
+            }
             Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
                 status::refused(error.reason(), message, &metadata)
             }
-            Error::Journal(_) => status::unavailable(error.reason(), message, &metadata),
+            Error::Journal(_) | Error::Audit(_) => {
+                status::unavailable(error.reason(), message, &metadata)
+            }
             Error::Downstream(failure) => failure.into_status(),
             _ => status::refused(error.reason(), message, &metadata),
         }

@@ -20,6 +20,8 @@ use tokio::sync::watch;
 
 pub use crate::journal::place::Place;
 
+use crate::approval::Digest;
+use crate::audit::entry::{Kind, Link, Tail};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -78,6 +80,64 @@ pub trait Journal: Send + Sync + 'static {
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError>;
     /// What the jaw did, in order.
     async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError>;
+
+    /// Appends to the audit, all or nothing; fails where one of the numbers is taken. Not fenced: what a gateway that
+    /// is not in command refuses, and every stop, is recorded too.
+    async fn append_audit(&self, links: &[Link]) -> Result<(), JournalError>;
+    /// Where the audit ends.
+    async fn audit_tail(&self) -> Result<Tail, JournalError>;
+    /// The hash of one entry of the audit.
+    async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError>;
+    /// At most `limit` entries of the audit.
+    async fn audit(&self, filter: &AuditFilter, limit: u32) -> Result<Vec<AuditRow>, JournalError>;
+}
+
+/// Which entries of the audit.
+#[derive(Clone, Debug)]
+pub struct AuditFilter {
+    /// From this number on.
+    pub first: u64,
+    /// Up to this number.
+    pub last: u64,
+    /// Of this kind; any if unset.
+    pub kind: Option<Kind>,
+    /// By this person, certified or stated; anybody if empty.
+    pub name: String,
+    /// Of this case; any if empty.
+    pub case_id: String,
+    /// Of this procedure; any if empty.
+    pub procedure_id: String,
+    /// Not before, milliseconds since 1970-01-01 UTC.
+    pub from_ms: i64,
+    /// Not after.
+    pub to_ms: i64,
+    /// The newest of them, in falling order, instead of the oldest in rising order.
+    pub newest_first: bool,
+}
+
+/// A row of the audit, which may be damaged.
+#[derive(Clone, Debug)]
+pub struct AuditRow {
+    /// Its number.
+    pub sequence: u64,
+    /// What it says, or why it cannot be read.
+    pub link: Result<Link, String>,
+}
+
+impl Default for AuditFilter {
+    fn default() -> Self {
+        Self {
+            first: 0,
+            last: i64::MAX.unsigned_abs(),
+            kind: None,
+            name: String::new(),
+            case_id: String::new(),
+            procedure_id: String::new(),
+            from_ms: i64::MIN,
+            to_ms: i64::MAX,
+            newest_first: false,
+        }
+    }
 }
 
 /// Whether a gateway is the one that commands.
@@ -93,6 +153,15 @@ pub enum Duty {
         /// The name of the one that commands; empty when that is not known.
         holder: String,
     },
+}
+
+impl Duty {
+    /// Standby while it is not known who commands.
+    pub const fn nobody() -> Self {
+        Self::Standby {
+            holder: String::new(),
+        }
+    }
 }
 
 words! {

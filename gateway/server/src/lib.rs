@@ -8,6 +8,7 @@
 
 pub mod approval;
 mod aside;
+pub mod audit;
 pub mod cases;
 pub mod clients;
 pub mod config;
@@ -24,9 +25,11 @@ use tonic::service::Routes;
 
 pub use crate::config::Config;
 
+use crate::audit::{Audit, Entry, Kind, Who, refusals};
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::procedure::control::Procedures;
+use crate::wall_clock::now_ms;
 
 /// The gateway as a server of the house.
 #[derive(Debug)]
@@ -49,13 +52,35 @@ impl Service for Server {
             &config.instrument,
         )?;
         let journal = journal::open(&config.journal, &config.holder()?).await?;
-        let cases = Cases::new(journal.clone(), cell);
-        let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
-        let leaving = procedures.clone();
+        let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
+        audit.record(started(&audit)).await?;
+        tokio::spawn(refusals::record(audit.clone(), host.refusals()));
+        let cases = Cases::new(journal.clone(), cell, config.approval, audit.clone());
+        let procedures =
+            Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
+        let leaving = (procedures.clone(), audit.clone());
+        let hold = host.drain.hold();
         tokio::spawn(async move {
             host.drain.started().await;
-            leaving.leave().await;
+            let (procedures, audit) = leaving;
+            procedures.leave().await;
+            let ended = Entry::new(now_ms(), Kind::End, Who::gateway());
+            if let Err(error) = audit.record(ended).await {
+                tracing::error!(%error, "the end is not in the audit");
+            }
+            drop(hold);
         });
-        Ok(server::routes(cases, procedures, clients, config.jaw))
+        Ok(server::routes(
+            cases, procedures, clients, config.jaw, audit,
+        ))
+    }
+}
+
+fn started(audit: &Audit) -> Entry {
+    let key = audit.keys().last().map_or("", |key| key.id().as_str());
+    Entry {
+        code: env!("CARGO_PKG_VERSION").to_owned(),
+        detail: format!("signs with the key {key}"),
+        ..Entry::new(now_ms(), Kind::Start, Who::gateway())
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use sqlx::any::AnyPoolOptions;
 use sqlx::{AnyConnection, AnyPool, Connection as _};
 
-use super::sql::{Dialect, Pools, SqlJournal, Take, keep, migrate};
+use super::sql::{Dialect, Pools, SqlJournal, Take, guard, keep, migrate};
 use super::{JournalError, Place};
 
 /// Connections that write.
@@ -30,6 +30,7 @@ pub async fn open(server: &str, name: &str) -> Result<Arc<SqlJournal>, JournalEr
     migrate(&writer, Dialect::Postgres)
         .await
         .map_err(|error| unusable(server, error.to_string()))?;
+    guard(&writer, Dialect::Postgres).await.map_err(failed)?;
     let pools = Pools {
         writer,
         readers: pool(READERS, server, READER).await.map_err(failed)?,
@@ -75,7 +76,11 @@ fn unusable(server: &str, problem: String) -> JournalError {
     }
 }
 
+/// Statements are prepared anew each time: kept ones would keep the types of their first values, and a double that was
+/// NULL the first time is declared as a shorter one than those that follow.
 async fn pool(connections: u32, server: &str, setting: &'static str) -> sqlx::Result<AnyPool> {
+    let separator = if server.contains('?') { '&' } else { '?' };
+    let address = format!("{server}{separator}statement-cache-capacity=0");
     AnyPoolOptions::new()
         .max_connections(connections)
         .acquire_timeout(ACQUIRE_TIMEOUT)
@@ -85,6 +90,6 @@ async fn pool(connections: u32, server: &str, setting: &'static str) -> sqlx::Re
                 Ok(())
             })
         })
-        .connect(server)
+        .connect(&address)
         .await
 }

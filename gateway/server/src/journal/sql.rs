@@ -3,6 +3,7 @@
 //! [`super::sqlite`] and [`super::postgres`] open it. Every write goes through [`SqlJournal::write`], so that none
 //! is made by a gateway that is no longer in command.
 
+mod audit;
 mod cases;
 mod command;
 mod migrations;
@@ -15,11 +16,15 @@ use bytes::Bytes;
 use sqlx::{Any, AnyPool, Transaction};
 use tokio::sync::{Mutex, watch};
 
-use super::{Blob, Duty, Journal, JournalError};
+use super::{AuditFilter, AuditRow, Blob, Duty, Journal, JournalError};
+use crate::approval::Digest;
+use crate::audit::entry::{Link, Tail};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
 
+pub use audit::AuditFile;
+pub(super) use audit::guard;
 pub(super) use command::{Take, keep};
 pub(super) use migrations::migrate;
 
@@ -68,16 +73,13 @@ pub(super) enum Dialect {
 impl SqlJournal {
     /// On a database whose tables are up to date. Nothing can be written before command is taken.
     pub(super) fn new(pools: Pools, dialect: Dialect, lock: Option<File>) -> Self {
-        let nobody = Duty::Standby {
-            holder: String::new(),
-        };
         Self {
             writer: pools.writer,
             readers: pools.readers,
             keeper: pools.keeper,
             changing: Mutex::default(),
             dialect,
-            duty: watch::Sender::new(nobody),
+            duty: watch::Sender::new(Duty::nobody()),
             _lock: lock,
         }
     }
@@ -93,13 +95,13 @@ impl SqlJournal {
                 });
             }
         };
-        let mut transaction = self.writer.begin().await?;
+        let mut transaction = self.writer.begin_with(self.dialect.begin()).await?;
         if command::hold(&mut transaction, self.dialect, epoch).await? {
             return Ok(transaction);
         }
-        // Whatever these two come to, nothing was written and nothing will be.
-        let holder = self.lose(epoch).await.unwrap_or_default();
+        // Whatever these two come to, nothing was written and nothing will be. The first gives the connection back.
         transaction.rollback().await.ok();
+        let holder = self.lose(epoch).await.unwrap_or_default();
         Err(JournalError::Fenced { epoch, holder })
     }
 }
@@ -192,5 +194,21 @@ impl Journal for SqlJournal {
 
     async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError> {
         procedures::bite_outcomes(&self.readers, procedure_id).await
+    }
+
+    async fn append_audit(&self, links: &[Link]) -> Result<(), JournalError> {
+        audit::insert(&self.writer, links).await
+    }
+
+    async fn audit_tail(&self) -> Result<Tail, JournalError> {
+        audit::tail(&self.readers).await
+    }
+
+    async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError> {
+        audit::hash(&self.readers, sequence).await
+    }
+
+    async fn audit(&self, filter: &AuditFilter, limit: u32) -> Result<Vec<AuditRow>, JournalError> {
+        audit::select(&self.readers, filter, limit).await
     }
 }

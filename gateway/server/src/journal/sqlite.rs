@@ -9,7 +9,7 @@ use sqlx::any::AnyPoolOptions;
 use sqlx::{AnyConnection, AnyPool, Connection as _};
 
 use super::JournalError;
-use super::sql::{Dialect, Pools, SqlJournal, Take, migrate};
+use super::sql::{AuditFile, Dialect, Pools, SqlJournal, Take, guard, migrate};
 
 /// Connections that only read.
 const READERS: u32 = 4;
@@ -41,6 +41,9 @@ pub async fn open(path: &Path, name: &str) -> Result<SqlJournal, JournalError> {
     migrate(&writer, Dialect::Sqlite)
         .await
         .map_err(|error| unusable(error.to_string()))?;
+    guard(&writer, Dialect::Sqlite)
+        .await
+        .map_err(|error| unusable(error.to_string()))?;
     let readers = pool(READERS, &format!("{address}?mode=ro"), READER)
         .await
         .map_err(|error| unusable(error.to_string()))?;
@@ -65,6 +68,18 @@ async fn damage(address: &str) -> sqlx::Result<String> {
         .await?;
     connection.close().await?;
     Ok(damage)
+}
+
+/// The audit in the file at `path`, which must be there. A gateway may be running on it.
+pub async fn audit(path: &Path) -> Result<AuditFile, JournalError> {
+    let unusable = |problem: String| JournalError::Unusable {
+        path: path.to_owned(),
+        problem,
+    };
+    let address = address(path).map_err(&unusable)?;
+    let pool = pool(1, &format!("{address}?mode=ro"), READER).await;
+    pool.map(AuditFile::new)
+        .map_err(|error| unusable(error.to_string()))
 }
 
 async fn pool(connections: u32, address: &str, setting: &'static str) -> sqlx::Result<AnyPool> {

@@ -2,6 +2,7 @@
 
 pub(super) mod watch;
 
+use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureService;
 use arthro_proto::gateway::v1::{self as proto};
 use prost::Message as _;
@@ -9,7 +10,7 @@ use tokio_stream::StreamExt as _;
 use tonic::{Request, Response, Status};
 
 use self::watch::Watch;
-use super::{Answers, Violations, id, refuse, text};
+use super::{Answers, Violations, id, person, refuse};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
 use crate::procedure::control::Procedures;
@@ -33,11 +34,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::StartProcedureRequest>,
     ) -> Result<Response<proto::StartProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let case_id = violations.check(id("case_id", request.case_id));
         let digest = violations.check(digest("plan_digest", &request.plan_digest));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(case_id), Some(digest), Some(operator)) = (case_id, digest, operator) else {
             return Err(refuse(Error::Invalid(Vec::new())));
@@ -101,11 +103,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::RecoverProcedureRequest>,
     ) -> Result<Response<proto::RecoverProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let action = violations.check(action(request.action()));
         let procedure_id = violations.check(id("procedure_id", request.procedure_id));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(procedure_id), Some(action), Some(operator)) = (procedure_id, action, operator)
         else {

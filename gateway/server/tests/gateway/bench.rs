@@ -9,8 +9,10 @@ use arthro_gateway::config::{Calibration, Config, Pose};
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::audit_service_client::AuditServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
+use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
@@ -23,7 +25,8 @@ pub struct Bench {
     pub world: Arc<World>,
     pub cases: CaseServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
-    config: Config,
+    pub audit: AuditServiceClient<Channel>,
+    pub config: Config,
     runtime: Option<Runtime>,
     _folder: TempDir,
 }
@@ -36,7 +39,7 @@ impl Bench {
     pub async fn with(configure: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let journal = folder.path().join("gateway.sqlite");
-        let world = World::new(journal.clone());
+        let world = World::new(journal.clone().into());
         let address = world.serve().await;
         let mut config = Config {
             registration: address.clone(),
@@ -48,12 +51,20 @@ impl Bench {
         };
         configure(&mut config);
         let (runtime, channel) = gateway(config.clone()).await;
+        let mut bench = Self::at(channel, world, config, folder);
+        bench.runtime = Some(runtime);
+        bench
+    }
+
+    /// A client of a gateway that runs elsewhere.
+    pub fn at(channel: Channel, world: Arc<World>, config: Config, folder: TempDir) -> Self {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
-            procedures: ProcedureServiceClient::new(channel),
+            procedures: ProcedureServiceClient::new(channel.clone()),
+            audit: AuditServiceClient::new(channel),
             config,
-            runtime: Some(runtime),
+            runtime: None,
             _folder: folder,
         }
     }
@@ -72,7 +83,8 @@ impl Bench {
         let (runtime, channel) = gateway(self.config.clone()).await;
         self.runtime = Some(runtime);
         self.cases = CaseServiceClient::new(channel.clone());
-        self.procedures = ProcedureServiceClient::new(channel);
+        self.procedures = ProcedureServiceClient::new(channel.clone());
+        self.audit = AuditServiceClient::new(channel);
     }
 
     // === a case, step by step ===
@@ -165,6 +177,59 @@ impl Bench {
         let (case_id, digest) = self.planned().await;
         self.approve(&case_id, &digest).await.unwrap();
         (case_id, digest)
+    }
+
+    // === the audit ===
+
+    /// All entries from the first on.
+    pub async fn entries(&mut self) -> Vec<proto::AuditEntry> {
+        let request = proto::ListEntriesRequest {
+            page_size: 1000,
+            ..proto::ListEntriesRequest::default()
+        };
+        let listed = self.audit.list_entries(request).await.unwrap();
+        let entries = listed.into_inner().entries;
+        entries
+            .into_iter()
+            .map(|listed| listed.entry.unwrap())
+            .collect()
+    }
+
+    /// Reads the audit until there is an entry like this one. What ends a call is written after its answer.
+    pub async fn entry(
+        &mut self,
+        wanted: impl Fn(&proto::AuditEntry) -> bool,
+    ) -> proto::AuditEntry {
+        let read = async {
+            loop {
+                let found = self.entries().await.into_iter().find(|entry| wanted(entry));
+                match found {
+                    Some(entry) => return entry,
+                    None => tokio::task::yield_now().await,
+                }
+            }
+        };
+        match tokio::time::timeout(PATIENCE, read).await {
+            Ok(entry) => entry,
+            Err(_) => panic!("there is no such entry in {:#?}", self.entries().await),
+        }
+    }
+
+    /// What the gateway itself finds.
+    pub async fn verdict(&mut self) -> proto::AuditVerdict {
+        let request = proto::VerifyChainRequest {};
+        let mut answers = self.audit.verify_chain(request).await.unwrap().into_inner();
+        let mut verdict = None;
+        while let Some(answer) = answers.message().await.unwrap() {
+            verdict = answer.verdict;
+        }
+        verdict.unwrap()
+    }
+
+    /// The journal's file, as somebody else on this machine opens it.
+    pub async fn intrude(&self) -> SqliteConnection {
+        let url = format!("sqlite://{}", self.config.journal);
+        SqliteConnection::connect(&url).await.unwrap()
     }
 
     // === a procedure ===

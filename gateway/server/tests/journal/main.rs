@@ -5,7 +5,10 @@
     reason = "clippy.toml allows them in tests, which leaves out what tests share"
 )]
 
+mod audit;
 mod contract;
+mod damage;
+mod fenced;
 #[path = "../shared/postgres.rs"]
 mod postgres;
 mod store;

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use arthro_gateway::journal::{self, Journal, JournalError, Place};
+use sqlx::{AnyConnection, Connection as _};
 use tempfile::TempDir;
 
 use super::postgres::Database;
@@ -34,6 +35,18 @@ impl Store {
 
     pub async fn open(&self) -> Arc<dyn Journal> {
         self.try_open("gateway of the test").await.unwrap()
+    }
+
+    /// Runs a statement that no gateway runs.
+    pub async fn execute(&self, statement: &'static str) -> Result<(), sqlx::Error> {
+        let address = match self.place() {
+            Place::File(path) => format!("sqlite://{}", path.display()),
+            Place::Postgres(address) => address,
+        };
+        sqlx::any::install_default_drivers();
+        let mut connection = AnyConnection::connect(&address).await?;
+        sqlx::query(statement).execute(&mut connection).await?;
+        Ok(())
     }
 
     /// As a gateway does that is told to end, and is started again.

@@ -1,6 +1,6 @@
 //! Cases, procedures and steps as the tests write them.
 
-use arthro_gateway::approval::{Approval, Digest};
+use arthro_gateway::approval::{Approval, Digest, Signatory};
 use arthro_gateway::cases::case::{Case, ModelInfo, SceneInfo};
 use arthro_gateway::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use arthro_gateway::procedure::{Procedure, State};
@@ -33,7 +33,8 @@ pub fn filled(id: &str) -> Case {
         }),
         accepted_by: Some("operator".to_owned()),
         approval: Some(Approval {
-            surgeon: "Dr. Adams".to_owned(),
+            surgeon: signatory("Dr. Adams"),
+            second: Some(signatory("Dr. Brown")),
             digest: digest('c'),
         }),
         ..case(id)
@@ -90,5 +91,13 @@ pub fn outcome(bite: u32) -> BiteOutcome {
         tip: Point3::new(0.1, -2.0, 1e-9),
         jaw: "CLOSED_ON_TISSUE".to_owned(),
         peak_current_ma: 812.0,
+    }
+}
+
+fn signatory(name: &str) -> Signatory {
+    Signatory {
+        name: name.to_owned(),
+        role: "surgeon".to_owned(),
+        at_ms: 7,
     }
 }

@@ -9,7 +9,8 @@ use crate::journal::{Blob, JournalError};
 
 const COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
-     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest";
+     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest, \
+     approved_role, approved_at_ms, countersigned_by, countersigned_role, countersigned_at_ms";
 
 /// Writes a new case.
 pub async fn create(
@@ -39,11 +40,13 @@ pub async fn save(
     let registration = case.registration.as_ref();
     let plan = case.plan.as_ref();
     let approval = case.approval.as_ref();
+    let second = approval.and_then(|approval| approval.second.as_ref());
     sqlx::query(
         "UPDATE cases SET revision = $1, model_digest = $2, lesion_spacing_mm = $3, scene_digest = $4, \
          scene_point_count = $5, scene_has_normals = $6, registration = $7, accepted_by = $8, plan = $9, \
          plan_jaw_width_mm = $10, plan_jaw_length_mm = $11, plan_jaw_throat_mm = $12, approved_by = $13, \
-         approved_digest = $14 WHERE case_id = $15",
+         approved_digest = $14, approved_role = $15, approved_at_ms = $16, countersigned_by = $17, \
+         countersigned_role = $18, countersigned_at_ms = $19 WHERE case_id = $20",
     )
     .bind(rows::integer(case.revision))
     .bind(model.map(|model| model.digest.to_string()))
@@ -57,8 +60,13 @@ pub async fn save(
     .bind(plan.map(|plan| plan.jaw.width_mm))
     .bind(plan.map(|plan| plan.jaw.length_mm))
     .bind(plan.map(|plan| plan.jaw.throat_mm))
-    .bind(approval.map(|approval| approval.surgeon.as_str()))
+    .bind(approval.map(|approval| approval.surgeon.name.as_str()))
     .bind(approval.map(|approval| approval.digest.to_string()))
+    .bind(approval.map(|approval| approval.surgeon.role.as_str()))
+    .bind(approval.map(|approval| approval.surgeon.at_ms))
+    .bind(second.map(|second| second.name.as_str()))
+    .bind(second.map(|second| second.role.as_str()))
+    .bind(second.map(|second| second.at_ms))
     .bind(&case.id)
     .execute(&mut **transaction)
     .await?;

@@ -141,7 +141,7 @@ impl SqlJournal {
             Err(_) => tracing::warn!("command not renewed: the database does not answer"),
         }
         if Instant::now() >= held_until {
-            self.change_duty(nobody());
+            self.change_duty(Duty::nobody());
         }
         held_until
     }
@@ -149,7 +149,7 @@ impl SqlJournal {
     /// Gives command up for good.
     pub(super) async fn give_command_up(&self) -> Result<(), JournalError> {
         self.changing.lock().await.has_left = true;
-        let Duty::InCommand { epoch } = self.duty.send_replace(nobody()) else {
+        let Duty::InCommand { epoch } = self.duty.send_replace(Duty::nobody()) else {
             return Ok(());
         };
         sqlx::query("UPDATE command SET holder = '', expires_ms = 0 WHERE epoch = $1")
@@ -165,7 +165,7 @@ impl SqlJournal {
         self.duty.send_if_modified(|duty| {
             let lost = *duty == Duty::InCommand { epoch };
             if lost {
-                *duty = nobody();
+                *duty = Duty::nobody();
             }
             lost
         });
@@ -192,15 +192,17 @@ impl SqlJournal {
     }
 }
 
-fn nobody() -> Duty {
-    Duty::Standby {
-        holder: String::new(),
-    }
-}
-
 // === impl Dialect ===
 
 impl Dialect {
+    /// What begins a write. SQLite's other transactions begin by reading, and are refused where they would have to wait.
+    pub(super) const fn begin(self) -> &'static str {
+        match self {
+            Self::Sqlite => "BEGIN IMMEDIATE",
+            Self::Postgres => "BEGIN",
+        }
+    }
+
     /// The command row at an epoch, locked against whoever would take command, not against other writers.
     const fn hold(self) -> &'static str {
         match self {

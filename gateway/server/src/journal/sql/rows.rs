@@ -4,11 +4,12 @@
 use arthro_geometry::Point3;
 use arthro_proto::planning::v1::ResectionPlan;
 use arthro_proto::registration::v1::RegistrationResult;
+use bytes::Bytes;
 use prost::Message as _;
 use sqlx::Row as _;
 use sqlx::any::AnyRow;
 
-use crate::approval::{Approval, Digest};
+use crate::approval::{Approval, Digest, Signatory};
 use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
 use crate::config::Jaw;
 use crate::journal::JournalError;
@@ -50,7 +51,17 @@ pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
     let approval = match row.try_get::<Option<String>, _>("approved_digest")? {
         None => None,
         Some(digest) => Some(Approval {
-            surgeon: row.try_get("approved_by")?,
+            surgeon: Signatory {
+                name: row.try_get("approved_by")?,
+                // Approvals from before roles were kept came without a certificate.
+                role: row
+                    .try_get::<Option<String>, _>("approved_role")?
+                    .unwrap_or_else(|| "local".to_owned()),
+                at_ms: row
+                    .try_get::<Option<i64>, _>("approved_at_ms")?
+                    .unwrap_or_default(),
+            },
+            second: second(row)?,
             digest: key.parsed("approved_digest", &digest, Digest::parse)?,
         }),
     };
@@ -68,14 +79,30 @@ pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
     })
 }
 
+fn second(row: &AnyRow) -> Result<Option<Signatory>, JournalError> {
+    let Some(name) = row.try_get::<Option<String>, _>("countersigned_by")? else {
+        return Ok(None);
+    };
+    Ok(Some(Signatory {
+        name,
+        role: row.try_get("countersigned_role")?,
+        at_ms: row.try_get("countersigned_at_ms")?,
+    }))
+}
+
 fn registration(key: &Key, encoded: &[u8]) -> Result<Registration, JournalError> {
     let result = RegistrationResult::decode(encoded)
         .map_err(|error| key.damaged("registration", error.to_string()))?;
-    wire::registration(result).map_err(|violation| {
+    let registration = wire::registration(result).map_err(|violation| {
         key.damaged(
             "registration",
             format!("{} {}", violation.field, violation.description),
         )
+    })?;
+    // As it stands here, so that a bit that decodes to the same is another digest all the same.
+    Ok(Registration {
+        encoded: Bytes::copy_from_slice(encoded),
+        ..registration
     })
 }
 
@@ -87,11 +114,15 @@ fn plan(key: &Key, row: &AnyRow, encoded: &[u8]) -> Result<Plan, JournalError> {
         length_mm: row.try_get("plan_jaw_length_mm")?,
         throat_mm: row.try_get("plan_jaw_throat_mm")?,
     };
-    wire::plan(&message, jaw).map_err(|violation| {
+    let plan = wire::plan(&message, jaw).map_err(|violation| {
         key.damaged(
             "plan",
             format!("{} {}", violation.field, violation.description),
         )
+    })?;
+    Ok(Plan {
+        encoded: Bytes::copy_from_slice(encoded),
+        ..plan
     })
 }
 
