@@ -16,7 +16,8 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 pub struct Config {
     /// The SQLite file of cases, procedures and steps; created when absent.
     pub journal: PathBuf,
-    /// Address of the registration service, host:port.
+    /// Address of the registration service, host:port. With `server.tls` the gateway shows its own certificate there and at the
+    /// others, and they must be certified as the host that stands here.
     pub registration: String,
     /// Address of the planning service, host:port.
     pub planning: String,

@@ -27,6 +27,7 @@ pub use crate::config::Config;
 
 use crate::cases::Cases;
 use crate::clients::Clients;
+use crate::clients::channel::Connector;
 use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
 
@@ -45,6 +46,7 @@ impl Service for Server {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
         let clients = Clients::new(
+            &Connector::new(host.credentials.clone()),
             &config.registration,
             &config.planning,
             &config.motion,

@@ -119,9 +119,9 @@ where
                     tracing::debug!(path, elapsed_ms, "call answered");
                     // Only a deadline that the caller set bounds a stream: watching may go on for ever.
                     response.map(|response| match asked {
-                        Some(_) => {
-                            response.map(|body| Body::new(DeadlineBody::new(body, deadline)))
-                        }
+                        Some(_) => response.map(|body| {
+                            Body::new(EndingBody::new(body, deadline, deadline_exceeded()))
+                        }),
                         None => response,
                     })
                 }
@@ -134,7 +134,7 @@ where
     }
 }
 
-/// Where a call comes from.
+/// Where a call comes from; the guard has put it there.
 fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
     extensions.get::<TcpConnectInfo>()?.remote_addr()
 }
@@ -181,22 +181,24 @@ fn grpc_timeout(headers: &HeaderMap) -> Option<Duration> {
     Some(timeout.saturating_sub(Duration::from_millis(1)))
 }
 
-/// A response body that ends with DEADLINE_EXCEEDED when the deadline passes.
-struct DeadlineBody {
+/// A response body that ends with a status at a time, unless it ends before.
+pub(crate) struct EndingBody {
     inner: Option<Body>,
     sleep: Pin<Box<Sleep>>,
+    status: Status,
 }
 
-impl DeadlineBody {
-    fn new(inner: Body, deadline: Instant) -> Self {
+impl EndingBody {
+    pub(crate) fn new(inner: Body, at: Instant, status: Status) -> Self {
         Self {
             inner: Some(inner),
-            sleep: Box::pin(tokio::time::sleep_until(deadline)),
+            sleep: Box::pin(tokio::time::sleep_until(at)),
+            status,
         }
     }
 }
 
-impl http_body::Body for DeadlineBody {
+impl http_body::Body for EndingBody {
     type Data = <Body as http_body::Body>::Data;
     type Error = Status;
 
@@ -214,7 +216,7 @@ impl http_body::Body for DeadlineBody {
         // Dropping the handler's stream is what stops its work.
         self.inner = None;
         let mut trailers = HeaderMap::new();
-        match deadline_exceeded().add_header(&mut trailers) {
+        match self.status.add_header(&mut trailers) {
             Ok(()) => Poll::Ready(Some(Ok(Frame::trailers(trailers)))),
             Err(status) => Poll::Ready(Some(Err(status))),
         }
