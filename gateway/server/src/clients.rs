@@ -3,6 +3,7 @@
 //! A refusal of a service goes on to the gateway's client as it came, code and details included. A
 //! service that cannot be reached is UNAVAILABLE with the reason `<SERVICE>_UNAVAILABLE`.
 
+pub mod channel;
 pub mod instrument;
 pub mod motion;
 pub mod planning;
@@ -12,11 +13,12 @@ use std::error::Error as _;
 use std::time::Duration;
 
 use arthro_bootstrap::status;
+use arthro_bootstrap::tls::DialError;
 use arthro_proto::common::v1 as common;
 use bytes::Bytes;
-use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Response, Status, Streaming};
 
+use crate::clients::channel::Connector;
 use crate::words::words;
 
 pub use instrument::Instrument;
@@ -86,16 +88,17 @@ pub struct Failure {
 impl Clients {
     /// Clients that connect when first used. Must be called within a Tokio runtime.
     pub fn new(
+        connector: &Connector,
         registration: &str,
         planning: &str,
         motion: &str,
         instrument: &str,
-    ) -> Result<Self, tonic::transport::Error> {
+    ) -> Result<Self, DialError> {
         Ok(Self {
-            registration: Registration::new(channel(registration)?),
-            planning: Planning::new(channel(planning)?),
-            motion: Motion::new(channel(motion)?),
-            instrument: Instrument::new(channel(instrument)?),
+            registration: Registration::new(connector.channel(registration)?),
+            planning: Planning::new(connector.channel(planning)?),
+            motion: Motion::new(connector.channel(motion)?),
+            instrument: Instrument::new(connector.channel(instrument)?),
         })
     }
 
@@ -104,20 +107,6 @@ impl Clients {
         let (arms, drives) = tokio::join!(self.motion.stop(reason), self.instrument.stop(reason));
         arms.and(drives)
     }
-}
-
-fn channel(address: &str) -> Result<Channel, tonic::transport::Error> {
-    let uri = if address.contains("://") {
-        address.to_owned()
-    } else {
-        format!("http://{address}")
-    };
-    Ok(Endpoint::from_shared(uri)?
-        .connect_timeout(SHORT_DEADLINE)
-        .http2_keep_alive_interval(KEEP_ALIVE)
-        .keep_alive_timeout(KEEP_ALIVE)
-        .tcp_nodelay(true)
-        .connect_lazy())
 }
 
 // === impl Failure ===

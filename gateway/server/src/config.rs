@@ -27,7 +27,8 @@ pub struct Config {
     pub journal: Place,
     /// How this gateway is named to others that share its journal, e.g. its address; empty: host and process.
     pub name: String,
-    /// Address of the registration service, host:port.
+    /// Address of the registration service, host:port. With `server.tls` the gateway shows its own certificate there and at the
+    /// others, and they must be certified as the host that stands here.
     pub registration: String,
     /// Address of the planning service, host:port.
     pub planning: String,

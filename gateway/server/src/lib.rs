@@ -28,6 +28,7 @@ pub use crate::config::Config;
 use crate::audit::{Audit, Entry, Kind, Who, refusals};
 use crate::cases::Cases;
 use crate::clients::Clients;
+use crate::clients::channel::Connector;
 use crate::procedure::control::Procedures;
 use crate::wall_clock::now_ms;
 
@@ -46,6 +47,7 @@ impl Service for Server {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
         let clients = Clients::new(
+            &Connector::new(host.credentials.clone()),
             &config.registration,
             &config.planning,
             &config.motion,

@@ -26,6 +26,7 @@ use crate::host::{RefusedCall, Reports};
 use crate::identity::Caller;
 use crate::status;
 
+mod ending;
 mod turns;
 
 use turns::{Turn, Turns};
@@ -175,10 +176,17 @@ where
                 Ok(response) => {
                     tracing::debug!(path, elapsed_ms, "call answered");
                     // Only a deadline that the caller set bounds a stream: watching may go on for ever.
-                    let deadline = asked.map(|_| deadline);
                     response.map(|response| {
-                        response
-                            .map(|body| Body::new(AnswerBody::new(body, deadline, stream, turn)))
+                        response.map(|body| {
+                            let body = match asked {
+                                Some(_) => {
+                                    let status = deadline_exceeded();
+                                    Body::new(EndingBody::new(body, deadline, status))
+                                }
+                                None => body,
+                            };
+                            Body::new(AnswerBody::new(body, stream, turn))
+                        })
                     })
                 }
                 Err(_) => {
@@ -195,7 +203,7 @@ async fn at_once<F: Future>(mut future: Pin<&mut F>) -> Poll<F::Output> {
     std::future::poll_fn(|context| Poll::Ready(future.as_mut().poll(context))).await
 }
 
-/// Where a call comes from.
+/// Where a call comes from; the guard has put it there.
 fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
     extensions.get::<TcpConnectInfo>()?.remote_addr()
 }
@@ -250,34 +258,20 @@ fn grpc_timeout(headers: &HeaderMap) -> Option<Duration> {
     Some(timeout.saturating_sub(Duration::from_millis(1)))
 }
 
-/// An answer on its way: ends with DEADLINE_EXCEEDED when a deadline passes, and counts as open until it has ended.
+/// An answer on its way: counts as open until it has ended.
 struct AnswerBody {
     inner: Option<Body>,
-    sleep: Option<Pin<Box<Sleep>>>,
     stream: Option<OwnedSemaphorePermit>,
     turn: Turn,
 }
 
 impl AnswerBody {
-    fn new(
-        inner: Body,
-        deadline: Option<Instant>,
-        stream: Option<OwnedSemaphorePermit>,
-        turn: Turn,
-    ) -> Self {
+    fn new(inner: Body, stream: Option<OwnedSemaphorePermit>, turn: Turn) -> Self {
         Self {
             inner: Some(inner),
-            sleep: deadline.map(|deadline| Box::pin(tokio::time::sleep_until(deadline))),
             stream,
             turn,
         }
-    }
-
-    fn end(&mut self) {
-        // Dropping the handler's stream is what stops its work.
-        self.inner = None;
-        self.stream = None;
-        self.turn = Turn::NOT_NEEDED;
     }
 }
 
@@ -292,25 +286,17 @@ impl http_body::Body for AnswerBody {
         let Some(inner) = self.inner.as_mut() else {
             return Poll::Ready(None);
         };
-        if let Poll::Ready(frame) = Pin::new(inner).poll_frame(context) {
-            let more = matches!(&frame, Some(Ok(frame)) if frame.is_data());
-            if !more {
-                self.end();
-            }
-            return Poll::Ready(frame);
-        }
+        let polled = Pin::new(inner).poll_frame(context);
         // A stream that has nothing to say needs no processor.
-        self.turn = Turn::NOT_NEEDED;
-        let Some(sleep) = self.sleep.as_mut() else {
-            return Poll::Pending;
-        };
-        ready!(sleep.as_mut().poll(context));
-        self.end();
-        let mut trailers = HeaderMap::new();
-        match deadline_exceeded().add_header(&mut trailers) {
-            Ok(()) => Poll::Ready(Some(Ok(Frame::trailers(trailers)))),
-            Err(status) => Poll::Ready(Some(Err(status))),
+        let more = matches!(&polled, Poll::Ready(Some(Ok(frame))) if frame.is_data());
+        if !more {
+            self.turn = Turn::NOT_NEEDED;
         }
+        if !more && polled.is_ready() {
+            self.inner = None;
+            self.stream = None;
+        }
+        polled
     }
 
     fn is_end_stream(&self) -> bool {

@@ -39,20 +39,20 @@ pub struct ServerConfig {
     pub default_deadline_s: f64,
     /// How long open calls may go on once the shutdown began, s.
     pub drain_s: f64,
-    /// Certificates; without them only loopback addresses may be bound.
+    /// Certificates, by which both sides of every connection are known; without them only loopback addresses may be bound.
     pub tls: Option<TlsConfig>,
 }
 
-/// Files of a server's TLS identity, PEM.
+/// Files of a TLS identity, PEM. They may be replaced at any time; the next connection uses them.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TlsConfig {
-    /// The server's certificate chain.
+    /// The own certificate chain; it names a holder and a role.
     pub certificate: PathBuf,
     /// Its private key.
     pub key: PathBuf,
-    /// The authority that client certificates must come from; unset: clients need none.
-    pub client_ca: Option<PathBuf>,
+    /// The authorities that certificates of others must come from: those of clients, and of servers that this one calls.
+    pub client_ca: PathBuf,
 }
 
 /// How log lines look.

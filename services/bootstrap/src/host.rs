@@ -6,15 +6,18 @@ use tokio::sync::broadcast;
 
 use crate::drain::{Drain, DrainSource};
 use crate::identity::Caller;
+use crate::tls::Credentials;
 
 /// A subscriber that falls this far behind is told how many it has missed.
-const REFUSALS_KEPT: usize = 1024;
+const REPORTS_KEPT: usize = 1024;
 
 /// The server around a service. Clones are the same one.
 #[derive(Clone, Debug)]
 pub struct Host {
     /// Tells owner tasks and streams that the server is going down.
     pub drain: Drain,
+    /// With which others are called: the server's own certificate; `None` without TLS.
+    pub credentials: Option<Credentials>,
     reports: Reports,
 }
 
@@ -33,35 +36,55 @@ pub struct RefusedCall {
     pub message: String,
 }
 
-/// Where refusals are reported.
+/// A stop of a certified caller that was handed to the service.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StopCall {
+    /// Who called.
+    pub caller: Caller,
+    /// Where from.
+    pub peer: Option<SocketAddr>,
+    /// The method's path.
+    pub method: String,
+    /// Whether the service confirmed it.
+    pub done: bool,
+}
+
+/// Where refusals and stops are reported.
 #[derive(Clone, Debug)]
 pub(crate) struct Reports {
     refusals: broadcast::Sender<RefusedCall>,
+    stops: broadcast::Sender<StopCall>,
 }
 
 // === impl Host ===
 
 impl Host {
-    pub(crate) fn new(drain: Drain) -> Self {
+    fn new(drain: Drain, credentials: Option<Credentials>) -> Self {
         Self {
             drain,
+            credentials,
             reports: Reports::new(),
         }
     }
 
-    pub(crate) fn channel() -> (DrainSource, Self) {
+    pub(crate) fn channel(credentials: Option<Credentials>) -> (DrainSource, Self) {
         let (source, drain) = Drain::channel();
-        (source, Self::new(drain))
+        (source, Self::new(drain, credentials))
     }
 
     /// A host that never goes down and refuses nothing, for tests and for parts that run without a server.
     pub fn alone() -> Self {
-        Self::new(Drain::never())
+        Self::new(Drain::never(), None)
     }
 
     /// The calls that are refused from now on.
     pub fn refusals(&self) -> broadcast::Receiver<RefusedCall> {
         self.reports.refusals.subscribe()
+    }
+
+    /// The stops of certified callers from now on, carried out or failed.
+    pub fn stops(&self) -> broadcast::Receiver<StopCall> {
+        self.reports.stops.subscribe()
     }
 
     pub(crate) fn reports(&self) -> Reports {
@@ -74,7 +97,8 @@ impl Host {
 impl Reports {
     pub(crate) fn new() -> Self {
         Self {
-            refusals: broadcast::Sender::new(REFUSALS_KEPT),
+            refusals: broadcast::Sender::new(REPORTS_KEPT),
+            stops: broadcast::Sender::new(REPORTS_KEPT),
         }
     }
 
@@ -89,5 +113,16 @@ impl Reports {
         );
         // Nobody needs to listen.
         self.refusals.send(call).ok();
+    }
+
+    pub(crate) fn stopped(&self, call: StopCall) {
+        tracing::info!(
+            method = call.method,
+            caller = call.caller.name(),
+            peer = call.peer.map(tracing::field::display),
+            done = call.done,
+            "stop called"
+        );
+        self.stops.send(call).ok();
     }
 }

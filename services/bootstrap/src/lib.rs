@@ -19,10 +19,12 @@ mod drain;
 mod host;
 pub mod identity;
 mod reflection;
+pub mod roles;
 mod run;
 mod serve;
 pub mod status;
 mod telemetry;
+pub mod tls;
 
 use std::fmt::Debug;
 
@@ -32,9 +34,10 @@ use serde::de::DeserializeOwned;
 pub use crate::calls::Deadline;
 pub use crate::config::ServerConfig;
 pub use crate::drain::{Drain, Hold};
-pub use crate::host::{Host, RefusedCall};
+pub use crate::host::{Host, RefusedCall, StopCall};
 pub use crate::identity::{Caller, Role};
 pub use crate::run::{ExitStatus, main, run};
+pub use crate::tls::Credentials;
 
 /// Any error that ends the boot.
 pub type BoxError = Box<dyn std::error::Error + Send + Sync>;

@@ -5,8 +5,10 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
 
-use crate::config::{self, Sources};
+use crate::config::{self, Sources, TlsConfig};
 use crate::host::Host;
+use crate::identity::Role;
+use crate::tls::Credentials;
 use crate::{BoxError, Service, serve, telemetry};
 
 /// How a server's process ends (codes of sysexits.h).
@@ -103,8 +105,12 @@ async fn start<S: Service>(
     loaded: config::Loaded<S::Config>,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
-    let (source, host) = Host::channel();
     let server = loaded.server;
+    let credentials = match &server.tls {
+        Some(files) => Some(own_credentials(files)?),
+        None => None,
+    };
+    let (source, host) = Host::channel(credentials.clone());
     let reports = host.reports();
     let routes = Box::pin(S::build(loaded.service, host)).await?;
     Box::pin(serve::serve(
@@ -112,11 +118,26 @@ async fn start<S: Service>(
         S::OFFERS,
         server,
         routes,
+        credentials,
         reports,
         source,
         until_stdin_closes,
     ))
     .await
+}
+
+fn own_credentials(files: &TlsConfig) -> Result<Credentials, BoxError> {
+    let credentials = Credentials::read(files)?;
+    let holder = credentials.holder();
+    if holder.role != Role::Service {
+        return Err(format!(
+            "server.tls.certificate {} carries the role {}; a server's must carry service",
+            files.certificate.display(),
+            holder.role
+        )
+        .into());
+    }
+    Ok(credentials)
 }
 
 fn fail<S: Service>(status: ExitStatus, error: &BoxError) -> ExitStatus {

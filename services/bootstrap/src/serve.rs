@@ -1,18 +1,23 @@
 //! Binds, announces, serves and drains.
 
+use std::pin::Pin;
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::AsyncReadExt as _;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tonic::service::Routes;
-use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
+use tonic::transport::Server;
 
 use crate::calls::{CallLayer, Limits};
-use crate::config::{ServerConfig, TlsConfig};
+use crate::config::ServerConfig;
 use crate::connections::{self, Connections};
 use crate::drain::DrainSource;
 use crate::host::Reports;
+use crate::roles::guard::GuardLayer;
+use crate::roles::stops::Stops;
+use crate::tls::{Credentials, incoming};
 use crate::{BoxError, reflection, run};
 
 /// A client is asked for a sign of life this often, and given up when it gives none for as long: one that reads nothing, too.
@@ -29,6 +34,7 @@ pub(crate) async fn serve(
     offers: Option<&[&str]>,
     config: ServerConfig,
     routes: Routes,
+    credentials: Option<Credentials>,
     reports: Reports,
     drain: DrainSource,
     until_stdin_closes: bool,
@@ -57,28 +63,38 @@ pub(crate) async fn serve(
         .initial_stream_window_size(STREAM_WINDOW_BYTES)
         .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
         .max_concurrent_streams(STREAMS_A_CONNECTION)
-        .layer(CallLayer::new(limits, reports));
-    if let Some(tls) = &config.tls {
-        server = server.tls_config(tls_config(tls)?)?;
-    }
+        .layer(GuardLayer {
+            certified: credentials.is_some(),
+            reports: reports.clone(),
+            stops: Arc::new(Stops::default()),
+        })
+        .layer(CallLayer::new(limits, reports.clone()));
     let listener = TcpListener::bind(config.listen)
         .await
         .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let address = listener.local_addr()?;
     connections::make_room_for(config.max_connections);
-    let incoming = Connections::new(listener, config.max_connections);
+    let connections = Connections::new(listener, config.max_connections);
     run::print_line(&format!(r#"{{"service":"{name}","address":"{address}"}}"#));
     tracing::info!(service = name, %address, tls = config.tls.is_some(), "listening");
 
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let serving = server
-        .add_routes(routes)
-        .serve_with_incoming_shutdown(incoming, async {
-            stopped.await.ok();
-        });
-    let mut serving = Box::pin(serving);
+    let router = server.add_routes(routes);
+    let stopped = async {
+        stopped.await.ok();
+    };
+    type Serving = Pin<Box<dyn Future<Output = Result<(), tonic::transport::Error>> + Send>>;
+    let mut serving: Serving = match credentials {
+        Some(credentials) => {
+            let hangup = signal(SignalKind::hangup())?;
+            tokio::spawn(credentials.clone().keep_fresh(hangup));
+            let incoming = incoming::accept(connections, credentials, reports);
+            Box::pin(router.serve_with_incoming_shutdown(incoming, stopped))
+        }
+        None => Box::pin(router.serve_with_incoming_shutdown(connections, stopped)),
+    };
     tokio::select! {
         outcome = &mut serving => return Ok(outcome?),
         _ = terminate.recv() => tracing::info!("terminated: draining"),
@@ -116,20 +132,4 @@ async fn stdin_closed(asked: bool) {
     let mut stdin = tokio::io::stdin();
     let mut buffer = [0_u8; 64];
     while stdin.read(&mut buffer).await.is_ok_and(|count| count > 0) {}
-}
-
-fn tls_config(tls: &TlsConfig) -> Result<ServerTlsConfig, BoxError> {
-    // Another provider may have been installed by an embedding process; either will do.
-    rustls::crypto::ring::default_provider()
-        .install_default()
-        .ok();
-    let read = |path: &std::path::Path| {
-        std::fs::read(path).map_err(|error| format!("server.tls: {}: {error}", path.display()))
-    };
-    let identity = Identity::from_pem(read(&tls.certificate)?, read(&tls.key)?);
-    let config = ServerTlsConfig::new().identity(identity);
-    Ok(match &tls.client_ca {
-        Some(path) => config.client_ca_root(Certificate::from_pem(read(path)?)),
-        None => config,
-    })
 }

@@ -16,8 +16,8 @@ use tonic::{Request, Response, Status, Streaming};
 
 use super::procedure::digest;
 use super::{Answers, id, person, refuse, text};
-use crate::aside::aside;
 use crate::approval::{Approval, Signatory};
+use crate::aside::aside;
 use crate::audit::Who;
 use crate::cases::case::{Case, Stage};
 use crate::cases::{Cases, surface};
