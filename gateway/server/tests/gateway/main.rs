@@ -15,4 +15,5 @@ mod plans;
 #[path = "../shared/postgres.rs"]
 mod postgres;
 mod procedure;
+mod process;
 mod storage;
