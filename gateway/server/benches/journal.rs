@@ -12,6 +12,9 @@ mod postgres;
 #[allow(dead_code, reason = "shared with the tests, which use all of it")]
 mod values;
 
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use arthro_gateway::journal::{self, Place};
@@ -21,15 +24,37 @@ use values::{case, done, outcome, procedure, step};
 
 /// Steps of each measurement, each written twice.
 const STEPS: u32 = 1000;
+/// About what SQLite's log grows by with a step's intention.
+const RECORD_BYTES: usize = 16 * 1024;
 
 #[tokio::main]
 async fn main() {
     println!("| database | write | p50 ms | p99 ms | slowest ms |");
     println!("|---|---|---|---|---|");
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    measure_disk(folder.path());
     measure("SQLite", Place::File(folder.path().join("journal.sqlite"))).await;
     let database = postgres::Database::new().await;
     measure("PostgreSQL", Place::Postgres(database.address())).await;
+}
+
+/// What the disk alone takes, which no journal on it can be faster than.
+fn measure_disk(folder: &Path) {
+    let file = File::create(folder.join("written")).unwrap();
+    // SQLite's log is written over from its start once it has its length.
+    file.write_all_at(&vec![0xA5; RECORD_BYTES * 256], 0)
+        .unwrap();
+    file.sync_all().unwrap();
+    let mut times = Vec::new();
+    for record in 0..STEPS as usize {
+        let began = Instant::now();
+        let offset = record % 256 * RECORD_BYTES;
+        file.write_all_at(&[0xA5; RECORD_BYTES], offset as u64)
+            .unwrap();
+        file.sync_data().unwrap();
+        times.push(began.elapsed());
+    }
+    print("none", "a record written in place and synced", times);
 }
 
 async fn measure(name: &str, place: Place) {

@@ -93,6 +93,14 @@ async fn pool(connections: u32, address: &str, setting: &'static str) -> sqlx::R
                 Ok(())
             })
         })
+        .after_release(|connection, _| {
+            Box::pin(async move {
+                // A write that a full disk ended cannot be taken back either: sqlx then holds its transaction for open,
+                // though the database has ended it, and the connection is of no more use.
+                connection.ping().await?;
+                Ok(!connection.is_in_transaction())
+            })
+        })
         .connect(address)
         .await
 }

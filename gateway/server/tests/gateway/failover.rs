@@ -1,22 +1,17 @@
 //! Two gateways on one PostgreSQL, as processes that are killed and halted: exactly one commands, and the other takes
 //! over what is open, as interrupted.
 
-use std::io::{BufRead as _, BufReader};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use arthro_gateway::Config;
 use arthro_gateway::journal::Place;
-use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction, StepKind, StepState};
-use tonic::Status;
-use tonic::transport::Channel;
 
-use super::bench::{Bench, calibration, reason};
+use super::bench::{calibration, reason};
 use super::fakes::{PATIENCE, World};
 use super::postgres::Database;
+use super::process::Gateway;
 
 /// Asked of the other gateway after the death of the one in command.
 const TAKEOVER_LIMIT: Duration = Duration::from_secs(5);
@@ -26,11 +21,6 @@ struct Pair {
     first: Gateway,
     second: Gateway,
     _database: Database,
-}
-
-struct Gateway {
-    bench: Bench,
-    process: Child,
 }
 
 impl Pair {
@@ -64,92 +54,6 @@ impl Pair {
         pair.world.arrived("BITE", 1).await;
         (pair, procedure_id)
     }
-}
-
-impl Gateway {
-    async fn start(name: &str, config: &Config, world: &Arc<World>) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let config = Config {
-            name: name.to_owned(),
-            ..config.clone()
-        };
-        let file = folder.path().join("cell.toml");
-        let sections = toml::Table::from_iter([(
-            "gateway".to_owned(),
-            toml::Value::try_from(&config).unwrap(),
-        )]);
-        std::fs::write(&file, sections.to_string()).unwrap();
-        let (process, address) = tokio::task::spawn_blocking(move || spawn(&file))
-            .await
-            .unwrap();
-        let channel = Channel::from_shared(format!("http://{address}"))
-            .unwrap()
-            .connect_lazy();
-        Self {
-            bench: Bench::at(channel, world.clone(), config, folder),
-            process,
-        }
-    }
-
-    fn signal(&self, signal: &str) {
-        let signalled = Command::new("sh")
-            .args(["-c", &format!("kill -{signal} {}", self.process.id())])
-            .status()
-            .unwrap();
-        assert!(signalled.success());
-    }
-
-    /// Asks until the gateway tells of the procedure in this state.
-    async fn tells(&mut self, procedure_id: &str, state: ProcedureState) -> proto::Procedure {
-        let until = Instant::now() + PATIENCE;
-        loop {
-            let procedure = self.bench.report(procedure_id).await.procedure.unwrap();
-            if procedure.state() == state {
-                return procedure;
-            }
-            assert!(
-                Instant::now() < until,
-                "never told of {state:?}: {procedure:?}"
-            );
-            tokio::task::yield_now().await;
-        }
-    }
-
-    async fn stop(&mut self) -> Result<(), Status> {
-        let request = proto::StopProcedureRequest::default();
-        self.bench
-            .procedures
-            .stop_procedure(request)
-            .await
-            .map(drop)
-    }
-}
-
-impl Drop for Gateway {
-    fn drop(&mut self) {
-        self.process.kill().ok();
-        self.process.wait().ok();
-    }
-}
-
-fn spawn(config: &Path) -> (Child, String) {
-    let mut process = Command::new(env!("CARGO_BIN_EXE_arthro-gateway"))
-        .arg("--config")
-        .arg(config)
-        .args(["--listen", "127.0.0.1:0", "--until-stdin-closes"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    BufReader::new(process.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let announced: serde_json::Value = serde_json::from_str(&line)
-        .unwrap_or_else(|error| panic!("the gateway said {line:?}: {error}"));
-    let address = announced["address"].as_str().unwrap().to_owned();
-    (process, address)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -205,6 +109,7 @@ async fn when_the_one_in_command_is_killed_the_other_takes_over_as_interrupted()
         .tells(&procedure_id, ProcedureState::Interrupted)
         .await;
     let took = killed_at.elapsed();
+    println!("took over {took:?} after the kill");
     assert!(took <= TAKEOVER_LIMIT, "took over after {took:?}");
     assert_eq!(procedure.reason, "GATEWAY_REPLACED");
     let step = procedure.step.unwrap();
@@ -236,6 +141,7 @@ async fn a_gateway_that_was_halted_and_comes_back_commands_no_more() {
         .tells(&procedure_id, ProcedureState::Interrupted)
         .await;
     let took = halted_at.elapsed();
+    println!("took over {took:?} after the halt");
     assert!(took <= TAKEOVER_LIMIT, "took over after {took:?}");
     let taken_over = pair.second.bench.report(&procedure_id).await;
     let commands = pair.world.commands();
@@ -261,7 +167,7 @@ async fn a_gateway_that_was_halted_and_comes_back_commands_no_more() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_gateway_that_is_told_to_end_hands_over_at_once() {
     let (mut pair, procedure_id) = Pair::in_mid_bite().await;
-    drop(pair.first.process.stdin.take());
+    pair.first.tell_to_end();
     let procedure = pair
         .second
         .tells(&procedure_id, ProcedureState::Interrupted)

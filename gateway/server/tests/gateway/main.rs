@@ -17,5 +17,6 @@ mod plans;
 #[path = "../shared/postgres.rs"]
 mod postgres;
 mod procedure;
+mod process;
 mod storage;
 mod watch;

@@ -1,16 +1,22 @@
 //! A journal that writes slowly, or no more: no step is commanded that does not stand in it, and a stop waits for
 //! nothing.
 
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
+use std::process::Command;
 use std::time::Duration;
 
+use arthro_gateway::Config;
 use arthro_gateway::journal::Place;
 use arthro_proto::gateway::v1 as proto;
-use arthro_proto::gateway::v1::ProcedureState;
+use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction};
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 use tokio::time::Instant;
 
-use super::bench::{Bench, reason};
+use super::bench::{Bench, calibration, reason};
+use super::fakes::World;
+use super::postgres::as_nobody;
+use super::process::Gateway;
 
 /// Long against anything that waits for no disk.
 const SLOW: Duration = Duration::from_secs(1);
@@ -160,4 +166,90 @@ async fn an_end_that_cannot_be_written_halts_and_is_found_after_a_restart() {
     assert_eq!(step.state(), proto::StepState::InDoubt);
     assert_eq!(procedure.bites_done, 0);
     assert_eq!(bench.world.count("BITE"), 1);
+}
+
+/// From here on no file of the process may grow or be written beyond so many bytes.
+fn limit_files(gateway: &Gateway, bytes: &str) {
+    let limited = Command::new("prlimit")
+        .arg(format!("--pid={}", gateway.pid()))
+        .arg(format!("--fsize={bytes}:"))
+        .status()
+        .unwrap();
+    assert!(limited.success());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_disk_that_takes_no_byte_halts_everything_and_one_that_takes_them_again_lets_it_be_recovered()
+ {
+    let folder = tempfile::tempdir().unwrap();
+    let journal = Place::File(folder.path().join("journal.sqlite"));
+    let world = World::new(journal.clone());
+    let address = world.serve().await;
+    let config = Config {
+        journal,
+        registration: address.clone(),
+        planning: address.clone(),
+        motion: address.clone(),
+        instrument: address,
+        calibration: Some(calibration()),
+        ..Config::default()
+    };
+    let mut gateway = Gateway::start("gateway", &config, &world).await;
+    let (case_id, digest) = gateway.bench.approved().await;
+    limit_files(&gateway, "0");
+    let start = gateway.bench.start(&case_id, &digest).await;
+    assert_eq!(reason(start), "JOURNAL_FAILED");
+    assert!(world.commands().is_empty());
+
+    limit_files(&gateway, "unlimited");
+    world.hold("INSERT FORCEPS");
+    let procedure_id = gateway.bench.start(&case_id, &digest).await.unwrap();
+    world.arrived("INSERT FORCEPS", 1).await;
+    let commands = world.commands();
+    let stops = *world.stops.borrow();
+    limit_files(&gateway, "0");
+    world.let_go();
+    let procedure = gateway
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "JOURNAL_FAILED");
+    assert_eq!(world.commands(), commands);
+    assert!(*world.stops.borrow() > stops);
+    let recovery = gateway
+        .bench
+        .recover(&procedure_id, RecoveryAction::Withdraw)
+        .await;
+    assert_eq!(reason(recovery), "JOURNAL_FAILED");
+    assert_eq!(world.commands(), commands);
+    gateway.stop().await.unwrap();
+
+    limit_files(&gateway, "unlimited");
+    gateway
+        .bench
+        .recover(&procedure_id, RecoveryAction::Withdraw)
+        .await
+        .unwrap();
+    gateway.tells(&procedure_id, ProcedureState::Aborted).await;
+    assert!(world.unjournalled.lock().unwrap().is_empty());
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_keeps_the_gateway_from_starting() {
+    let folder = tempfile::tempdir().unwrap();
+    // A copy, since whoever runs it may not see the original.
+    let program = folder.path().join("arthro-gateway");
+    std::fs::copy(env!("CARGO_BIN_EXE_arthro-gateway"), &program).unwrap();
+    std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o555)).unwrap();
+    let journal = folder.path().join("journal.sqlite");
+    let started = as_nobody(&program)
+        .args(["--listen", "127.0.0.1:0", "--until-stdin-closes", "--set"])
+        .arg(format!("journal={:?}", journal.display().to_string()))
+        .current_dir("/")
+        .stdin(std::process::Stdio::null())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&started.stderr);
+    assert_eq!(started.status.code(), Some(69), "{said}");
+    assert!(said.contains("cannot be written"), "{said}");
+    std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
 }

@@ -74,6 +74,7 @@ impl Server {
         }
         let data = folder.path().join("data");
         let made = as_nobody(&program("initdb"))
+            .envs(libraries())
             .arg("--pgdata")
             .arg(&data)
             .args(["--username=arthro", "--auth=trust", "--encoding=UTF8"])
@@ -100,6 +101,7 @@ impl Server {
             .arg("-k")
             .arg(folder.path())
             .args(["-h", "", "-c", "shared_buffers=16MB"])
+            .envs(libraries())
             .current_dir(folder.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -129,8 +131,8 @@ impl Drop for Server {
     }
 }
 
-/// Runs a program as a user that may own a database.
-fn as_nobody(program: &Path) -> Command {
+/// Runs a program as a user that may own a database, and may not write what root may.
+pub fn as_nobody(program: &Path) -> Command {
     if !is_root() {
         return Command::new(program);
     }
@@ -148,6 +150,16 @@ fn as_nobody(program: &Path) -> Command {
 fn is_root() -> bool {
     use std::os::unix::fs::MetadataExt as _;
     std::fs::metadata("/proc/self").unwrap().uid() == 0
+}
+
+/// Where unpacked programs find the libraries that were unpacked with them.
+fn libraries() -> Option<(&'static str, PathBuf)> {
+    let root = PathBuf::from(std::env::var_os("ARTHRO_POSTGRES")?);
+    let entries = std::fs::read_dir(root.join("usr/lib")).ok()?;
+    let folder = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .find(|path| path.to_string_lossy().ends_with("-linux-gnu"))?;
+    Some(("LD_LIBRARY_PATH", folder))
 }
 
 /// The newest of the machine's, unless a folder is named.
