@@ -16,8 +16,8 @@ pub use can::{
     SdoWrite,
 };
 pub use local::{
-    Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
-    Reconstruct, Register,
+    Bench, BenchBudget, BenchCell, BenchRegistration, Calibrate, CalibrateCell, Calibration,
+    CalibrationFile, MethodName, Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
 pub use robot::{
@@ -85,6 +85,9 @@ pub enum Command {
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),
+    /// Lists calibrations that the gateway keeps, puts them in force and revokes them.
+    #[command(subcommand)]
+    Calibration(Calibration),
     /// Shows, jogs, recovers and teaches the arms, and asks their controllers: for the engineer at the bench.
     Robot(Robot),
     /// Talks CANopen with the drives: for the engineer at the bench.
@@ -163,10 +166,41 @@ pub enum Case {
     Scene(CaseScene),
     /// Registers a case's model to its scene.
     Register(RegisterCase),
-    /// Accepts the registration.
+    /// Accepts the registration; one of verdict REVIEW needs a surgeon.
     Accept {
         case: String,
         /// Who accepts.
+        #[arg(
+            long,
+            required_unless_present = "surgeon",
+            default_value = "",
+            hide_default_value = true
+        )]
+        operator: String,
+        /// The surgeon who accepts.
+        #[arg(long, default_value = "", hide_default_value = true)]
+        surgeon: String,
+    },
+    /// Keeps where the forceps' tip stands now as a touch of a known landmark.
+    Verify {
+        case: String,
+        /// The landmark's name.
+        #[arg(long)]
+        landmark: String,
+        /// Where it is: x,y,z in ct, mm.
+        #[arg(long, value_parser = point, allow_hyphen_values = true)]
+        at: Point3,
+        /// Who touches.
+        #[arg(long)]
+        operator: String,
+    },
+    /// Takes the touch of a landmark back.
+    Untouch {
+        case: String,
+        /// The landmark's name.
+        #[arg(long)]
+        landmark: String,
+        /// Who takes it back.
         #[arg(long)]
         operator: String,
     },

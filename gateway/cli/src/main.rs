@@ -9,6 +9,7 @@ mod arguments;
 mod bench;
 mod bites_file;
 mod calibrate;
+mod calibrations;
 mod can;
 mod cell;
 mod commanded;

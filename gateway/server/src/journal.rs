@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 
+use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -51,6 +52,29 @@ pub trait Journal: Send + Sync + 'static {
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError>;
     /// What the jaw did, in order.
     async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError>;
+
+    /// Writes a new calibration.
+    async fn create_calibration(&self, calibration: &Calibration) -> Result<(), JournalError>;
+    /// Writes that a calibration is not to be used any more.
+    async fn revoke_calibration(
+        &self,
+        calibration_id: &str,
+        revocation: &Revocation,
+    ) -> Result<(), JournalError>;
+    /// Writes which calibration of a kind is in force; none: the configured one.
+    async fn put_in_force(
+        &self,
+        kind: Kind,
+        calibration_id: Option<&str>,
+        operator: &str,
+        at_ms: i64,
+    ) -> Result<(), JournalError>;
+    /// One calibration.
+    async fn calibration(&self, calibration_id: &str) -> Result<Option<Calibration>, JournalError>;
+    /// All saved calibrations, newest first.
+    async fn calibrations(&self) -> Result<Vec<Calibration>, JournalError>;
+    /// The saved calibrations that are in force, at most one of a kind.
+    async fn calibrations_in_force(&self) -> Result<Vec<Calibration>, JournalError>;
 }
 
 words! {

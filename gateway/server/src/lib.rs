@@ -7,13 +7,17 @@
 //! own, not by the call that started it ([`procedure::sequencer`]).
 
 pub mod approval;
+mod calendar;
+pub mod calibrations;
 pub mod cases;
 pub mod clients;
 pub mod config;
 pub mod error;
+pub mod error_budget;
 pub mod journal;
 pub mod procedure;
 pub mod server;
+pub mod verification;
 mod wall_clock;
 pub mod wire;
 mod words;
@@ -25,6 +29,7 @@ use tonic::service::Routes;
 
 pub use crate::config::Config;
 
+use crate::calibrations::Calibrations;
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::journal::sqlite::SqliteJournal;
@@ -51,13 +56,20 @@ impl Service for Server {
             &config.instrument,
         )?;
         let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
-        let cases = Cases::new(journal.clone(), cell);
+        let calibrations = Calibrations::open(journal.clone(), cell, config.calibrations).await?;
+        let cases = Cases::new(journal.clone(), calibrations, config.verification.into());
         let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
         let leaving = procedures.clone();
         tokio::spawn(async move {
             drain.started().await;
             leaving.leave().await;
         });
-        Ok(server::routes(cases, procedures, clients, config.jaw))
+        Ok(server::routes(
+            cases,
+            procedures,
+            clients,
+            config.jaw,
+            config.error_budget,
+        ))
     }
 }

@@ -1,10 +1,13 @@
-//! gRPC in and out: the two services of the gateway and what they share.
+//! gRPC in and out: the services of the gateway and what they share.
 
+mod calibration;
 mod case;
 mod procedure;
 
 use std::pin::Pin;
 
+use arthro_bootstrap::Caller;
+use arthro_proto::gateway::v1::calibration_service_server::CalibrationServiceServer;
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureServiceServer;
 use tokio_stream::Stream;
@@ -13,18 +16,30 @@ use tonic::{Code, Status};
 
 use crate::cases::Cases;
 use crate::clients::Clients;
-use crate::config::Jaw;
+use crate::config::{ErrorBudget, Jaw};
 use crate::error::{Error, Result, Violation};
 use crate::procedure::control::Procedures;
 
 /// A stream of answers.
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// Both services.
-pub fn routes(cases: Cases, procedures: Procedures, clients: Clients, jaw: Jaw) -> Routes {
+/// All services.
+pub fn routes(
+    cases: Cases,
+    procedures: Procedures,
+    clients: Clients,
+    jaw: Jaw,
+    error_budget: ErrorBudget,
+) -> Routes {
+    let calibrations = cases.calibrations().clone();
+    let calibration = calibration::CalibrationApi::new(calibrations, clients.motion.clone());
     Routes::new(CaseServiceServer::new(case::CaseApi::new(
-        cases, clients, jaw,
+        cases,
+        clients,
+        jaw,
+        error_budget,
     )))
+    .add_service(CalibrationServiceServer::new(calibration))
     .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
         procedures,
     )))
@@ -54,6 +69,13 @@ fn text(field: &str, value: String, longest: usize) -> Result<String, Violation>
 /// An id that names something.
 fn id(field: &str, value: String) -> Result<String, Violation> {
     text(field, value, 100)
+}
+
+/// Who acts, where a request states it in `field`: the certificate's name, or without one whoever is stated.
+fn acting(caller: &Caller, field: &str, stated: String) -> Result<String, Violation> {
+    let name = caller.acting(stated);
+    let name = name.map_err(|other| Violation::new(field, other.to_string()))?;
+    text(field, name, 100)
 }
 
 /// Gathers all violations of a request.

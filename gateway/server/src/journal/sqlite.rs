@@ -1,6 +1,7 @@
 //! The journal in one SQLite file: write-ahead log, `synchronous=FULL`, so that a returned write is
 //! on the disk; one connection writes, and a lock file beside it keeps a second gateway out.
 
+mod calibrations;
 mod rows;
 
 use std::fs::{File, OpenOptions, TryLockError};
@@ -14,6 +15,7 @@ use sqlx::sqlite::{
 use sqlx::{Executor, Sqlite};
 
 use super::{Blob, Journal, JournalError};
+use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -25,7 +27,8 @@ const READERS: u32 = 4;
 
 const CASE_COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
-     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest";
+     plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest, accepted_as, accepted_at_ms, \
+     verification_basis, touches";
 
 /// The open journal. The file belongs to this gateway until the last clone is dropped.
 #[derive(Debug)]
@@ -140,11 +143,13 @@ impl Journal for SqliteJournal {
         let registration = case.registration.as_ref();
         let plan = case.plan.as_ref();
         let approval = case.approval.as_ref();
+        let acceptance = case.acceptance.as_ref();
+        let verification = case.verification.as_ref();
         sqlx::query(
             "UPDATE cases SET revision = ?, model_digest = ?, lesion_spacing_mm = ?, scene_digest = ?, \
              scene_point_count = ?, scene_has_normals = ?, registration = ?, accepted_by = ?, plan = ?, \
              plan_jaw_width_mm = ?, plan_jaw_length_mm = ?, plan_jaw_throat_mm = ?, approved_by = ?, \
-             approved_digest = ? \
+             approved_digest = ?, accepted_as = ?, accepted_at_ms = ?, verification_basis = ?, touches = ? \
              WHERE case_id = ?",
         )
         .bind(rows::integer(case.revision))
@@ -154,13 +159,17 @@ impl Journal for SqliteJournal {
         .bind(scene.map(|scene| scene.point_count))
         .bind(scene.map(|scene| scene.has_normals))
         .bind(registration.map(|registration| registration.encoded.as_ref()))
-        .bind(&case.accepted_by)
+        .bind(acceptance.map(|acceptance| acceptance.by.as_str()))
         .bind(plan.map(|plan| plan.encoded.as_ref()))
         .bind(plan.map(|plan| plan.jaw.width_mm))
         .bind(plan.map(|plan| plan.jaw.length_mm))
         .bind(plan.map(|plan| plan.jaw.throat_mm))
         .bind(approval.map(|approval| &approval.surgeon))
         .bind(approval.map(|approval| approval.digest.to_string()))
+        .bind(acceptance.map(|acceptance| acceptance.role.as_str()))
+        .bind(acceptance.map(|acceptance| acceptance.at_ms))
+        .bind(verification.map(|verification| verification.basis.to_string()))
+        .bind(verification.map(|verification| rows::packed_touches(&verification.touches)))
         .bind(&case.id)
         .execute(&mut *transaction)
         .await?;
@@ -350,6 +359,46 @@ impl Journal for SqliteJournal {
             .iter()
             .map(rows::bite_outcome)
             .collect()
+    }
+
+    async fn create_calibration(&self, calibration: &Calibration) -> Result<(), JournalError> {
+        let mut transaction = self.writer.begin().await?;
+        calibrations::create(&mut transaction, calibration).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn revoke_calibration(
+        &self,
+        calibration_id: &str,
+        revocation: &Revocation,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.writer.begin().await?;
+        calibrations::revoke(&mut transaction, calibration_id, revocation).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn put_in_force(
+        &self,
+        kind: Kind,
+        calibration_id: Option<&str>,
+        operator: &str,
+        at_ms: i64,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.writer.begin().await?;
+        calibrations::put_in_force(&mut transaction, kind, calibration_id, operator, at_ms).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn calibration(&self, calibration_id: &str) -> Result<Option<Calibration>, JournalError> {
+        calibrations::one(&self.readers, calibration_id).await
+    }
+
+    async fn calibrations(&self) -> Result<Vec<Calibration>, JournalError> {
+        calibrations::all(&self.readers).await
+    }
+
+    async fn calibrations_in_force(&self) -> Result<Vec<Calibration>, JournalError> {
+        calibrations::in_force(&self.readers).await
     }
 }
 

@@ -9,6 +9,7 @@ use arthro_gateway::config::{Calibration, Config, Pose};
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::calibration_service_client::CalibrationServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use tempfile::TempDir;
@@ -22,6 +23,7 @@ use super::fakes::{PATIENCE, World};
 pub struct Bench {
     pub world: Arc<World>,
     pub cases: CaseServiceClient<Channel>,
+    pub calibrations: CalibrationServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
     config: Config,
     runtime: Option<Runtime>,
@@ -51,6 +53,7 @@ impl Bench {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
+            calibrations: CalibrationServiceClient::new(channel.clone()),
             procedures: ProcedureServiceClient::new(channel),
             config,
             runtime: Some(runtime),
@@ -72,6 +75,7 @@ impl Bench {
         let (runtime, channel) = gateway(self.config.clone()).await;
         self.runtime = Some(runtime);
         self.cases = CaseServiceClient::new(channel.clone());
+        self.calibrations = CalibrationServiceClient::new(channel.clone());
         self.procedures = ProcedureServiceClient::new(channel);
     }
 
@@ -115,9 +119,15 @@ impl Bench {
     }
 
     pub async fn accept(&mut self, case_id: &str) -> Result<proto::Case, Status> {
+        self.accept_as(case_id, "").await
+    }
+
+    /// The same by a surgeon, if one is named.
+    pub async fn accept_as(&mut self, case_id: &str, surgeon: &str) -> Result<proto::Case, Status> {
         let request = proto::AcceptRegistrationRequest {
             case_id: case_id.to_owned(),
             operator: "operator".to_owned(),
+            surgeon: surgeon.to_owned(),
         };
         let answer = self.cases.accept_registration(request).await?;
         Ok(answer.into_inner().case.unwrap())
@@ -311,6 +321,9 @@ pub fn calibration() -> Calibration {
             translation_mm: [450.0, -250.0, 350.0],
         },
         arthroscope_rest_mm: [550.0, 380.0, 350.0],
+        valid_until: None,
+        hand_eye_covariance: None,
+        tool_tip_covariance_mm2: None,
     }
 }
 

@@ -6,9 +6,11 @@
 )]
 
 mod bench;
+mod calibrations;
 mod cases;
 mod crash;
 mod fakes;
 mod input;
 mod plans;
 mod procedure;
+mod verification;
