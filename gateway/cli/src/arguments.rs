@@ -170,16 +170,11 @@ pub enum Case {
     Accept {
         case: String,
         /// Who accepts.
-        #[arg(
-            long,
-            required_unless_present = "surgeon",
-            default_value = "",
-            hide_default_value = true
-        )]
-        operator: String,
+        #[arg(long, required_unless_present = "surgeon")]
+        operator: Option<String>,
         /// The surgeon who accepts.
-        #[arg(long, default_value = "", hide_default_value = true)]
-        surgeon: String,
+        #[arg(long)]
+        surgeon: Option<String>,
     },
     /// Keeps where the forceps' tip stands now as a touch of a known landmark.
     Verify {

@@ -210,6 +210,7 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             operator,
             surgeon,
         } => {
+            let (operator, surgeon) = (operator.unwrap_or_default(), surgeon.unwrap_or_default());
             let case = gateway.accept(&case, &operator, &surgeon).await?;
             output.line(show::case_state(&case));
             output.result(&show::case(&case));

@@ -244,6 +244,8 @@ impl Error {
             Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
             Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
             Self::Downstream(failure) => failure.reason(),
+            Self::Journal(JournalError::NotInCommand { .. }) => "NOT_IN_COMMAND",
+            Self::Journal(JournalError::Fenced { .. }) => "FENCED",
             Self::Journal(_) => "JOURNAL_FAILED",
         }
     }
@@ -303,6 +305,9 @@ impl Error {
             Self::NoBiteInterrupted { procedure_id } => {
                 vec![("procedure_id", procedure_id.clone())]
             }
+            Self::Journal(
+                JournalError::NotInCommand { holder } | JournalError::Fenced { holder, .. },
+            ) => vec![("in_command", holder.clone())],
             Self::UnreachableBite {
                 bite,
                 check,
@@ -344,6 +349,9 @@ impl From<Error> for Status {
             | Error::UnknownCalibration(_) => status::not_found(error.reason(), message, &metadata),
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
             Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
+            Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
+                status::refused(error.reason(), message, &metadata)
+            }
             Error::Journal(_) => status::unavailable(error.reason(), message, &metadata),
             Error::Downstream(failure) => failure.into_status(),
             _ => status::refused(error.reason(), message, &metadata),

@@ -22,8 +22,6 @@ mod wall_clock;
 pub mod wire;
 mod words;
 
-use std::sync::Arc;
-
 use arthro_bootstrap::{BoxError, Drain, Service};
 use tonic::service::Routes;
 
@@ -32,7 +30,6 @@ pub use crate::config::Config;
 use crate::calibrations::Calibrations;
 use crate::cases::Cases;
 use crate::clients::Clients;
-use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
 
 /// The gateway as a server of the house.
@@ -55,7 +52,7 @@ impl Service for Server {
             &config.motion,
             &config.instrument,
         )?;
-        let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
+        let journal = journal::open(&config.journal, &config.holder()?).await?;
         let calibrations = Calibrations::open(journal.clone(), cell, config.calibrations).await?;
         let cases = Cases::new(journal.clone(), calibrations, config.verification.into());
         let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;

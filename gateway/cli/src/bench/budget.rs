@@ -273,9 +273,8 @@ fn report(trials: &[Trial], each: bool, output: &Output) {
         .filter(|trial| trial.verdict == Verdict::Accept)
         .collect();
     let count = kept.len().max(1) as f64;
-    let rms = |of: &dyn Fn(&Trial) -> f64| {
-        (kept.iter().map(|trial| of(trial)).sum::<f64>() / count).sqrt()
-    };
+    let rms =
+        |of: &dyn Fn(&Trial) -> f64| (kept.iter().copied().map(of).sum::<f64>() / count).sqrt();
     let (missed_mm, predicted_mm) = (
         rms(&|trial| trial.missed_mm2),
         rms(&|trial| trial.predicted_mm2),

@@ -1,6 +1,6 @@
 //! Saved calibrations, and which of them are in force.
 
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::{Any, AnyPool, Transaction};
 
 use super::rows;
 use crate::calibrations::record::{Calibration, Kind, Revocation};
@@ -8,7 +8,7 @@ use crate::journal::JournalError;
 
 /// Writes a new calibration.
 pub async fn create(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction<'_, Any>,
     calibration: &Calibration,
 ) -> Result<(), JournalError> {
     sqlx::query(
@@ -29,7 +29,7 @@ pub async fn create(
 
 /// Writes that a calibration is not to be used any more.
 pub async fn revoke(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction<'_, Any>,
     calibration_id: &str,
     revocation: &Revocation,
 ) -> Result<(), JournalError> {
@@ -48,7 +48,7 @@ pub async fn revoke(
 
 /// Writes which calibration of a kind is in force; none: the configured one.
 pub async fn put_in_force(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction<'_, Any>,
     kind: Kind,
     calibration_id: Option<&str>,
     operator: &str,
@@ -76,7 +76,7 @@ pub async fn put_in_force(
 
 /// One calibration.
 pub async fn one(
-    pool: &SqlitePool,
+    pool: &AnyPool,
     calibration_id: &str,
 ) -> Result<Option<Calibration>, JournalError> {
     sqlx::query("SELECT * FROM calibrations WHERE calibration_id = $1")
@@ -89,7 +89,7 @@ pub async fn one(
 }
 
 /// All calibrations, newest first.
-pub async fn all(pool: &SqlitePool) -> Result<Vec<Calibration>, JournalError> {
+pub async fn all(pool: &AnyPool) -> Result<Vec<Calibration>, JournalError> {
     sqlx::query("SELECT * FROM calibrations ORDER BY saved_at_ms DESC, calibration_id DESC")
         .fetch_all(pool)
         .await?
@@ -99,7 +99,7 @@ pub async fn all(pool: &SqlitePool) -> Result<Vec<Calibration>, JournalError> {
 }
 
 /// Those that are in force.
-pub async fn in_force(pool: &SqlitePool) -> Result<Vec<Calibration>, JournalError> {
+pub async fn in_force(pool: &AnyPool) -> Result<Vec<Calibration>, JournalError> {
     sqlx::query(
         "SELECT calibrations.* FROM calibrations \
          JOIN calibrations_in_force ON calibrations_in_force.calibration_id = calibrations.calibration_id \
