@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
+use arthro_proto::gateway::v1::calibration_service_client::CalibrationServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::instrument::v1::instrument_service_client::InstrumentServiceClient;
@@ -132,6 +133,11 @@ impl Cell {
     pub async fn cases(&self) -> CaseServiceClient<Channel> {
         CaseServiceClient::new(self.channel("gateway").await)
             .max_decoding_message_size(64 * 1024 * 1024)
+    }
+
+    /// A client of the calibrations.
+    pub async fn calibrations(&self) -> CalibrationServiceClient<Channel> {
+        CalibrationServiceClient::new(self.channel("gateway").await)
     }
 
     /// A client of the procedures.

@@ -18,8 +18,8 @@ pub use can::{
     SdoWrite,
 };
 pub use local::{
-    Bench, BenchCell, BenchRegistration, Calibrate, CalibrateCell, CalibrationFile, MethodName,
-    Reconstruct, Register,
+    Bench, BenchBudget, BenchCell, BenchRegistration, Calibrate, CalibrateCell, Calibration,
+    CalibrationFile, MethodName, Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
 pub use robot::{
@@ -90,6 +90,9 @@ pub enum Command {
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),
+    /// Lists calibrations that the gateway keeps, puts them in force and revokes them.
+    #[command(subcommand)]
+    Calibration(Calibration),
     /// Shows, jogs, recovers and teaches the arms, and asks their controllers: for the engineer at the bench.
     Robot(Robot),
     /// Talks CANopen with the drives: for the engineer at the bench.
@@ -168,10 +171,36 @@ pub enum Case {
     Scene(CaseScene),
     /// Registers a case's model to its scene.
     Register(RegisterCase),
-    /// Accepts the registration.
+    /// Accepts the registration; one of verdict REVIEW needs a surgeon.
     Accept {
         case: String,
         /// Who accepts; with a certificate its name if not given.
+        #[arg(long)]
+        operator: Option<String>,
+        /// The surgeon who accepts.
+        #[arg(long)]
+        surgeon: Option<String>,
+    },
+    /// Keeps where the forceps' tip stands now as a touch of a known landmark.
+    Verify {
+        case: String,
+        /// The landmark's name.
+        #[arg(long)]
+        landmark: String,
+        /// Where it is: x,y,z in ct, mm.
+        #[arg(long, value_parser = point, allow_hyphen_values = true)]
+        at: Point3,
+        /// Who touches; with a certificate its name if not given.
+        #[arg(long, default_value = "")]
+        operator: String,
+    },
+    /// Takes the touch of a landmark back.
+    Untouch {
+        case: String,
+        /// The landmark's name.
+        #[arg(long)]
+        landmark: String,
+        /// Who takes it back; with a certificate its name if not given.
         #[arg(long, default_value = "")]
         operator: String,
     },

@@ -19,6 +19,7 @@ use crate::arguments::BenchRegistration;
 use crate::exit::Failure;
 use crate::output::Output;
 
+pub mod budget;
 mod cases;
 pub mod cell;
 mod score;

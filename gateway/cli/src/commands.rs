@@ -7,8 +7,8 @@ use arthro_geometry::{Cloud, Point3};
 use arthro_proto::common::v1::{Box as TargetBox, Point};
 use arthro_proto::gateway::v1::{
     AbortProcedureRequest, ListCasesRequest, PauseProcedureRequest, PlanCaseRequest, Procedure,
-    RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, ResumeProcedureRequest,
-    StopProcedureRequest, ViewPlanning,
+    RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, RemoveTouchRequest,
+    ResumeProcedureRequest, StopProcedureRequest, VerifyTargetRequest, ViewPlanning,
 };
 use arthro_proto::planning::v1::Planner;
 use serde_json::json;
@@ -23,7 +23,8 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    audit, bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, register, robot, scene,
+    audit, bench, calibrate, calibrations, can, cell, demo, evaluate, plan, reconstruct, register,
+    robot, scene,
 };
 
 /// Runs one command to its end.
@@ -32,7 +33,12 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
     match arguments.command {
         Command::Demo(demo) => Box::pin(demo::run(&demo, output)).await,
         Command::Up(up) => Box::pin(cell::up(&up, output)).await,
-        Command::Calibrate(calibrate) => Box::pin(calibrate::run(calibrate, output)).await,
+        Command::Calibrate(calibrate) => {
+            Box::pin(calibrate::run(calibrate, &arguments.gateway, output)).await
+        }
+        Command::Calibration(calibration) => {
+            calibrations::run(calibration, &arguments.gateway, output).await
+        }
         // Started before any runtime exists; see `main`.
         Command::Serve(_) => Ok(()),
         Command::Audit(audit) => Box::pin(audit::run(audit, connect, output)).await,
@@ -42,6 +48,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Evaluate(arguments) => evaluate::run(&arguments, output),
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
         Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
+        Command::Bench(Bench::Budget(bench)) => bench::budget::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
         Command::Can(arguments) => Box::pin(can::run(arguments, output)).await,
         Command::Robot(arguments) => Box::pin(robot::run(arguments, output)).await,
@@ -159,7 +166,9 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             let value = json!({
                 "case": shown.case.as_ref().map(show::case),
                 "registration": shown.registration.as_ref().map(show::registration),
+                "verification": shown.verification.as_ref().map(show::verification),
                 "plan": shown.plan.as_ref().map(show::plan),
+                "predicted_errors": shown.predicted_errors.as_ref().map(show::predicted_errors),
             });
             output.line(show::table(&value));
             output.result(&value);
@@ -197,10 +206,50 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             output.line(show::table(&value));
             output.result(&value);
         }
-        Case::Accept { case, operator } => {
-            let case = gateway.accept(&case, &operator).await?;
+        Case::Accept {
+            case,
+            operator,
+            surgeon,
+        } => {
+            let (operator, surgeon) = (operator.unwrap_or_default(), surgeon.unwrap_or_default());
+            let case = gateway.accept(&case, &operator, &surgeon).await?;
             output.line(show::case_state(&case));
             output.result(&show::case(&case));
+        }
+        Case::Verify {
+            case,
+            landmark,
+            at,
+            operator,
+        } => {
+            let request = VerifyTargetRequest {
+                case_id: case,
+                landmark,
+                point: Some(point(&at)),
+                operator,
+            };
+            let verified = gateway.cases.verify_target(request).await?.into_inner();
+            let value = json!({
+                "distance_mm": verified.touch.map_or(0.0, |touch| touch.distance_mm),
+                "verification": verified.verification.as_ref().map(show::verification),
+            });
+            output.line(show::table(&value));
+            output.result(&value);
+        }
+        Case::Untouch {
+            case,
+            landmark,
+            operator,
+        } => {
+            let request = RemoveTouchRequest {
+                case_id: case,
+                landmark,
+                operator,
+            };
+            let left = gateway.cases.remove_touch(request).await?.into_inner();
+            let value = json!({"verification": left.verification.as_ref().map(show::verification)});
+            output.line(show::table(&value));
+            output.result(&value);
         }
         Case::Plan(plan) => plan_case(*plan, gateway, output).await?,
         Case::Approve {
@@ -254,9 +303,11 @@ async fn plan_case(plan: PlanCase, gateway: &mut Gateway, output: &Output) -> Re
         ..plan_request(&plan.case, &targets, plan.seed)
     };
     let result = gateway.plan(request, output).await?;
-    let case = gateway.case(&plan.case).await?.case.unwrap_or_default();
+    let planned = gateway.case(&plan.case).await?;
     let mut value = show::plan(&result);
-    value["plan_digest"] = json!(case.plan_digest);
+    value["plan_digest"] = json!(planned.case.unwrap_or_default().plan_digest);
+    let errors = planned.predicted_errors.as_ref();
+    value["predicted_errors"] = json!(errors.map(show::predicted_errors));
     output.line(show::table(&value));
     output.result(&value);
     Ok(())

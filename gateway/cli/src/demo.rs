@@ -159,7 +159,7 @@ async fn perform(
         "registered in {:.1} s: residual {:.3} mm2, true error {:.2} mm",
         registration.seconds, registration.mse_mm2, score.tre_rms_mm
     ));
-    gateway.accept(&case.case_id, OPERATOR).await?;
+    gateway.accept(&case.case_id, OPERATOR, OPERATOR).await?;
 
     let marks = match arguments.scenario {
         ScenarioName::Tear => Marks::default(),

@@ -3,6 +3,7 @@
 use arthro_geometry::{Cloud, Mesh};
 use arthro_proto::common::v1::Frame;
 use arthro_proto::gateway::v1::audit_service_client::AuditServiceClient;
+use arthro_proto::gateway::v1::calibration_service_client::CalibrationServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
@@ -29,6 +30,8 @@ const MAX_ANSWER_BYTES: usize = 64 * 1024 * 1024;
 pub struct Gateway {
     /// Cases.
     pub cases: CaseServiceClient<Channel>,
+    /// Calibrations.
+    pub calibrations: CalibrationServiceClient<Channel>,
     /// Procedures.
     pub procedures: ProcedureServiceClient<Channel>,
     /// The audit.
@@ -62,6 +65,8 @@ impl Gateway {
             })?;
         Ok(Self {
             cases: CaseServiceClient::new(channel.clone())
+                .max_decoding_message_size(MAX_ANSWER_BYTES),
+            calibrations: CalibrationServiceClient::new(channel.clone())
                 .max_decoding_message_size(MAX_ANSWER_BYTES),
             procedures: ProcedureServiceClient::new(channel.clone())
                 .max_decoding_message_size(MAX_ANSWER_BYTES),
@@ -170,11 +175,17 @@ impl Gateway {
         result.ok_or_else(missing("registration result"))
     }
 
-    /// Accepts the registration in force.
-    pub async fn accept(&mut self, case_id: &str, operator: &str) -> Result<Case, Failure> {
+    /// Accepts the registration in force; a surgeon may be named, whom a doubtful one needs.
+    pub async fn accept(
+        &mut self,
+        case_id: &str,
+        operator: &str,
+        surgeon: &str,
+    ) -> Result<Case, Failure> {
         let request = AcceptRegistrationRequest {
             case_id: case_id.to_owned(),
             operator: operator.to_owned(),
+            surgeon: surgeon.to_owned(),
         };
         let accepted = self.cases.accept_registration(request).await?.into_inner();
         accepted.case.ok_or_else(missing("case"))

@@ -10,6 +10,7 @@ mod audit;
 mod bench;
 mod bites_file;
 mod calibrate;
+mod calibrations;
 mod can;
 mod cell;
 mod commanded;

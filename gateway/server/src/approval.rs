@@ -2,7 +2,8 @@
 //! the jaw closes.
 //!
 //! Canonical means: every item in a fixed order, every text and list preceded by its length as a
-//! little-endian u64, every number as the eight bytes of its little-endian IEEE 754 double. Two
+//! little-endian u64, every number as the eight bytes of its little-endian IEEE 754 double, every
+//! moment as a little-endian i64. Two
 //! inputs have the same encoding only if they are the same to the last bit.
 
 use std::fmt;
@@ -12,7 +13,8 @@ use arthro_geometry::{Point3, Rotation, Vector3};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::cases::case::{Plan, Registration};
+use crate::calibrations::record::{Calibration, Kind};
+use crate::cases::case::{ModelInfo, Plan, Registration, SceneInfo};
 use crate::config::Cell;
 
 /// The role of whoever calls without a certificate.
@@ -117,6 +119,8 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
     canonical.point(&cell.arthroscope_rest);
     canonical.number(cell.view_distance_mm);
     canonical.optional(cell.joint_opening_mm);
+    canonical.bytes(&cell.calibrations.hand_eye.digest.0);
+    canonical.bytes(&cell.calibrations.tool_tip.digest.0);
 
     canonical.number(plan.jaw.width_mm);
     canonical.number(plan.jaw.length_mm);
@@ -139,6 +143,50 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
         canonical.number(view.roll_rad);
     }
     canonical.bytes(&plan.encoded);
+    canonical.digest()
+}
+
+/// Digest of what touched landmarks are about: another model, scene, registration or calibration voids them.
+pub fn verification_basis(
+    model: &ModelInfo,
+    scene: &SceneInfo,
+    registration: &Registration,
+    cell: &Cell,
+) -> Digest {
+    let mut canonical = Canonical::new("arthro.verification.v1");
+    canonical.bytes(&model.digest.0);
+    canonical.bytes(&scene.digest.0);
+    canonical.bytes(&registration.encoded);
+    canonical.bytes(&cell.calibrations.hand_eye.digest.0);
+    canonical.bytes(&cell.calibrations.tool_tip.digest.0);
+    canonical.digest()
+}
+
+/// Digest of a saved calibration.
+pub fn calibration_digest(calibration: &Calibration) -> Digest {
+    let mut canonical = Canonical::new("arthro.calibration.v1");
+    canonical.bytes(calibration.id.as_bytes());
+    canonical.bytes(calibration.kind().as_str().as_bytes());
+    canonical.integer(calibration.saved_at_ms);
+    canonical.integer(calibration.valid_until_ms);
+    canonical.bytes(&calibration.encoded);
+    canonical.digest()
+}
+
+/// Digest of a calibration as the configuration states it.
+pub fn configured_digest(
+    kind: Kind,
+    numbers: &[f64],
+    covariance: &[f64],
+    valid_until_ms: Option<i64>,
+) -> Digest {
+    let mut canonical = Canonical::new("arthro.configured-calibration.v1");
+    canonical.bytes(kind.as_str().as_bytes());
+    for list in [numbers, covariance] {
+        canonical.count(list.len());
+        list.iter().for_each(|number| canonical.number(*number));
+    }
+    canonical.integer(valid_until_ms.unwrap_or(i64::MAX));
     canonical.digest()
 }
 
@@ -175,6 +223,10 @@ impl Canonical {
         if let Some(number) = number {
             self.number(number);
         }
+    }
+
+    fn integer(&mut self, integer: i64) {
+        self.0.update(integer.to_le_bytes());
     }
 
     fn vector(&mut self, vector: &Vector3) {
@@ -356,6 +408,7 @@ mod tests {
             arthroscope_rest: Point3::new(0.0, 300.0, 300.0),
             view_distance_mm: 20.0,
             joint_opening_mm: None,
+            calibrations: Cell::for_tests().calibrations,
         }
     }
 
@@ -528,10 +581,13 @@ mod tests {
         moved.camera_from_ct.translation_mm.x += 1e-12;
         let mut calibrated = cell();
         calibrated.forceps_portal.z += 1e-9;
+        let mut another_calibration = cell();
+        another_calibration.calibrations.tool_tip.digest = Digest([9; 32]);
         let model = Digest([7; 32]);
         for after in [
             plan_digest(&plan(), &moved, &cell(), model),
             plan_digest(&plan(), &registration(), &calibrated, model),
+            plan_digest(&plan(), &registration(), &another_calibration, model),
             plan_digest(&plan(), &registration(), &cell(), Digest([8; 32])),
         ] {
             assert_ne!(after, before);

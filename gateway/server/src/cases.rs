@@ -17,18 +17,21 @@ use uuid::Uuid;
 use crate::approval::{self, Digest, Policy, Signatory};
 use crate::aside::aside;
 use crate::audit::{Audit, Entry, Kind, Who};
-use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo, Stage};
+use crate::calibrations::Calibrations;
+use crate::cases::case::{Acceptance, Case, ModelInfo, Plan, Registration, SceneInfo, Stage};
 use crate::clients::planning::PackedModel;
 use crate::config::Cell;
 use crate::error::{Error, Result};
 use crate::journal::{Blob, Journal};
+use crate::verification::{Finding, Limits, TOUCHES_MAX, Touch, Verdict, Verification};
 use crate::wall_clock::now_ms;
 
 /// The cases of this gateway.
 #[derive(Clone)]
 pub struct Cases {
     journal: Arc<dyn Journal>,
-    cell: Option<Arc<Cell>>,
+    calibrations: Calibrations,
+    verification: Limits,
     policy: Policy,
     audit: Audit,
     /// Held from reading a case to writing it back.
@@ -58,16 +61,19 @@ pub struct Approved {
 }
 
 impl Cases {
-    /// Cases of a journal, in a cell that may not be calibrated yet.
+    /// Cases of a journal, in a cell that may not be calibrated yet; touched landmarks are held to `verification`, approvals
+    /// to `policy`.
     pub fn new(
         journal: Arc<dyn Journal>,
-        cell: Option<Cell>,
+        calibrations: Calibrations,
+        verification: Limits,
         policy: Policy,
         audit: Audit,
     ) -> Self {
         Self {
             journal,
-            cell: cell.map(Arc::new),
+            calibrations,
+            verification,
             policy,
             audit,
             changing: Arc::default(),
@@ -109,9 +115,22 @@ impl Cases {
         })
     }
 
+    /// The cell's calibrations.
+    pub const fn calibrations(&self) -> &Calibrations {
+        &self.calibrations
+    }
+
     /// Where things are in the cell.
-    pub fn cell(&self) -> Result<&Arc<Cell>> {
-        self.cell.as_ref().ok_or(Error::NotCalibrated)
+    pub fn cell(&self) -> Result<Arc<Cell>> {
+        self.calibrations.cell().ok_or(Error::NotCalibrated)
+    }
+
+    /// The same, read anew, if its calibrations may be used now.
+    pub async fn calibrated_cell(&self) -> Result<Arc<Cell>> {
+        let cell = self.calibrations.refresh().await?;
+        let cell = cell.ok_or(Error::NotCalibrated)?;
+        cell.calibrations.usable(now_ms())?;
+        Ok(cell)
     }
 
     /// Who must approve a plan.
@@ -121,15 +140,14 @@ impl Cases {
 
     /// Digest of the plan in force; `None` when there is no plan or no calibration.
     pub fn plan_digest(&self, case: &Case) -> Option<Digest> {
-        let (Some(plan), Some(registration), Some(model), Some(cell)) =
-            (&case.plan, &case.registration, &case.model, &self.cell)
-        else {
-            return None;
-        };
+        let cell = self.calibrations.cell()?;
+        let plan = case.plan.as_ref()?;
+        let registration = case.registration.as_ref()?;
+        let model = case.model.as_ref()?;
         Some(approval::plan_digest(
             plan,
             registration,
-            cell,
+            &cell,
             model.digest,
         ))
     }
@@ -198,9 +216,94 @@ impl Cases {
     }
 
     /// A person accepts the registration.
-    pub async fn accept(&self, case_id: &str, operator: String) -> Result<Case> {
-        self.change(case_id, &[], |case| case.accept(operator))
+    pub async fn accept(&self, case_id: &str, acceptance: Acceptance) -> Result<Case> {
+        self.change(case_id, &[], |case| case.accept(acceptance))
             .await
+    }
+
+    /// What touched landmarks are held to.
+    pub const fn verification_limits(&self) -> &Limits {
+        &self.verification
+    }
+
+    /// The landmarks touched for the registration in force with the calibrations in force.
+    pub fn touches<'c>(&self, case: &'c Case) -> &'c [Touch] {
+        match (&case.verification, self.verification_basis(case)) {
+            (Some(verification), Some(basis)) if verification.basis == basis => {
+                &verification.touches
+            }
+            _ => &[],
+        }
+    }
+
+    /// What touches of this case are about; `None` before there is a registration.
+    pub fn verification_basis(&self, case: &Case) -> Option<Digest> {
+        let cell = self.calibrations.cell()?;
+        let (model, scene) = case.model_and_scene().ok()?;
+        let registration = case.registration.as_ref()?;
+        Some(approval::verification_basis(
+            model,
+            scene,
+            registration,
+            &cell,
+        ))
+    }
+
+    /// Keeps a touch that was measured for what has the digest `basis`.
+    pub async fn touch(&self, case_id: &str, basis: Digest, touch: Touch) -> Result<Case> {
+        self.note(case_id, |case| {
+            if self.verification_basis(case) != Some(basis) {
+                return Err(Error::CaseChanged);
+            }
+            let mut verification = case
+                .verification
+                .take()
+                .filter(|verification| verification.basis == basis)
+                .unwrap_or_else(|| Verification::new(basis));
+            if !verification.touch(touch) {
+                return Err(Error::invalid(
+                    "landmark",
+                    format!("is one more than {TOUCHES_MAX}, which a case holds at most"),
+                ));
+            }
+            case.verification = Some(verification);
+            Ok(())
+        })
+        .await
+    }
+
+    /// Takes a touch back.
+    pub async fn remove_touch(&self, case_id: &str, landmark: &str) -> Result<Case> {
+        self.note(case_id, |case| {
+            let basis = self.verification_basis(case);
+            let removed = match &mut case.verification {
+                Some(verification) if Some(verification.basis) == basis => {
+                    verification.remove(landmark)
+                }
+                _ => false,
+            };
+            match removed {
+                true => Ok(()),
+                false => Err(Error::UnknownLandmark(landmark.to_owned())),
+            }
+        })
+        .await
+    }
+
+    /// Refuses a case whose touched landmarks speak against it, or are not enough where that is asked for.
+    fn verified(&self, case: &Case) -> Result<()> {
+        let limits = &self.verification;
+        let finding = Finding::of(self.touches(case), limits);
+        match finding.verdict {
+            Verdict::Failed => Err(Error::VerificationFailed {
+                rms_mm: finding.rms_mm,
+                limit_mm: limits.limit_mm,
+            }),
+            Verdict::Absent | Verdict::Pending if limits.required => Err(Error::NotVerified {
+                missing: finding.missing,
+            }),
+            Verdict::Absent | Verdict::Pending | Verdict::Passed => Ok(()),
+        }
     }
 
     /// Keeps a plan that was computed for `revision` of the case.
@@ -244,12 +347,13 @@ impl Cases {
         seen: Digest,
         rule: impl FnOnce(&mut Case, Signatory, Digest, Digest, Policy) -> Result<()>,
     ) -> Result<Case> {
-        self.cell()?;
+        self.calibrated_cell().await?;
         let _changing = self.changing.lock().await;
         let mut case = self.get(case_id).await?;
         let current = self.plan_digest(&case).ok_or(Error::NotPlanned)?;
         let mut entry = Entry::new(now_ms(), Kind::Approval, who);
         entry.stated.clone_from(&signatory.name);
+        self.verified(&case)?;
         rule(&mut case, signatory, seen, current, self.policy)?;
         entry.case_id.clone_from(&case.id);
         entry.plan = Some(current);
@@ -264,10 +368,21 @@ impl Cases {
         Ok(case)
     }
 
-    /// The plan with this digest, if it is in force and approved. Read from the journal each time, so that an approval
-    /// voided a moment ago is void.
+    /// The plan with this digest, if it may be begun or resumed: in force and approved, its calibrations not expired, and
+    /// no touched landmark against it.
     pub async fn approved(&self, case_id: &str, digest: Digest) -> Result<Approved> {
-        let cell = self.cell()?.clone();
+        self.calibrated_cell().await?;
+        let approved = self.still_approved(case_id, digest).await?;
+        self.verified(&self.get(case_id).await?)?;
+        Ok(approved)
+    }
+
+    /// The plan with this digest, if it may be gone on with: in force and approved, its calibrations not revoked. Read from
+    /// the journal each time, so that an approval voided a moment ago is void.
+    pub async fn still_approved(&self, case_id: &str, digest: Digest) -> Result<Approved> {
+        let cell = self.calibrations.refresh().await?;
+        let cell = cell.ok_or(Error::NotCalibrated)?;
+        cell.calibrations.not_revoked()?;
         let case = self.get(case_id).await?;
         let current = self.plan_digest(&case);
         if current != Some(digest) {
@@ -305,6 +420,20 @@ impl Cases {
         rule(&mut case)?;
         case.revision += 1;
         self.journal.save_case(&case, blobs).await?;
+        Ok(case)
+    }
+
+    /// A change that leaves what is being computed for the case as good as it was.
+    async fn note(
+        &self,
+        case_id: &str,
+        rule: impl FnOnce(&mut Case) -> Result<()>,
+    ) -> Result<Case> {
+        self.calibrations.refresh().await?;
+        let _changing = self.changing.lock().await;
+        let mut case = self.get(case_id).await?;
+        rule(&mut case)?;
+        self.journal.save_case(&case, &[]).await?;
         Ok(case)
     }
 }

@@ -5,13 +5,17 @@ use std::time::Duration;
 
 use arthro_geometry::frame::{ArthroscopeBase, Camera, ForcepsBase, Frame, Tool};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
-use nalgebra::Quaternion;
+use nalgebra::{Matrix3, Matrix6, Quaternion, SMatrix};
 use serde::{Deserialize, Serialize};
 
 use crate::approval::Policy;
 use crate::audit;
 use crate::audit::key::{KeyError, PublicKey, SigningKey};
+use crate::approval;
+use crate::calendar::end_of_day_ms;
+use crate::calibrations::record::{InForce, Kind, Standing};
 use crate::journal::Place;
+use crate::verification::Limits;
 
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
@@ -48,6 +52,12 @@ pub struct Config {
     pub audit: AuditConfig,
     /// Who must approve a plan.
     pub approval: Policy,
+    /// What touched landmarks are held to.
+    pub verification: Verification,
+    /// How long saved calibrations hold.
+    pub calibrations: Validity,
+    /// What predicted errors of bites are made of and held to.
+    pub error_budget: ErrorBudget,
     /// Where things are in the cell. Without it cases are registered, but nothing is planned and nothing moves:
     /// there is no safe default for a hand-eye transform.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -82,6 +92,37 @@ pub struct AuditConfig {
     pub trusted: Vec<PathBuf>,
     /// How often the heads are put on the disk at the latest, s; with a decision, an approval or an end it is done at once.
     pub heads_sync_s: f64,
+/// Section `gateway.verification`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Verification {
+    /// Largest target registration error over the touched landmarks, root mean square, mm.
+    pub limit_mm: f64,
+    /// Whether approval asks for a passed verification.
+    pub required: bool,
+    /// Fewest landmarks.
+    pub touches_min: usize,
+}
+
+/// Section `gateway.calibrations`: how long a saved calibration holds when whoever saves it says nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Validity {
+    /// Of the camera on its stand, days.
+    pub hand_eye_days: f64,
+    /// Of the tip of an instrument that is taken off for cleaning, days.
+    pub tool_tip_days: f64,
+}
+
+/// Section `gateway.error_budget`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ErrorBudget {
+    /// How far the tip is from where the arm says it is, root mean square, mm: its kinematics' accuracy, not its
+    /// repeatability.
+    pub arm_accuracy_mm: f64,
+    /// Bites that are expected to be farther off are flagged, mm.
+    pub bite_limit_mm: f64,
 }
 
 /// Section `gateway.calibration`, as written by the site.
@@ -100,6 +141,16 @@ pub struct Calibration {
     pub forceps_base_from_tool_at_tray: Pose,
     /// Where the arthroscope's tip rests outside the body, in the arthroscope arm's base, mm.
     pub arthroscope_rest_mm: [f64; 3],
+    /// Last day on which this section may be used, `YYYY-MM-DD`, UTC. Without it, it has no end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub valid_until: Option<String>,
+    /// Covariance of `forceps_base_from_camera`, 36 numbers row by row: rotation vector (rad), then displacement (mm),
+    /// axes of the base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hand_eye_covariance: Option<Vec<f64>>,
+    /// Covariance of the forceps' tip in the flange, nine numbers row by row, mm2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tool_tip_covariance_mm2: Option<Vec<f64>>,
 }
 
 /// A rigid transform as written in a file.
@@ -131,6 +182,8 @@ pub struct Cell {
     pub view_distance_mm: f64,
     /// How far the joint is opened, mm, if that is known.
     pub joint_opening_mm: Option<f64>,
+    /// Which calibrations that rests on, how sure they are and how long they hold.
+    pub calibrations: InForce,
 }
 
 /// A value of the configuration that cannot be used.
@@ -157,6 +210,9 @@ impl Default for Config {
             jaw: Jaw::default(),
             audit: AuditConfig::default(),
             approval: Policy::default(),
+            verification: Verification::default(),
+            calibrations: Validity::default(),
+            error_budget: ErrorBudget::default(),
             calibration: None,
         }
     }
@@ -204,6 +260,7 @@ impl Config {
         within("view_distance_mm", self.view_distance_mm, 1.0, 200.0)?;
         within("audit.heads_sync_s", self.audit.heads_sync_s, 0.01, 60.0)?;
         self.approval.check()?;
+        self.limits_of_accuracy()?;
         if let Some(opening_mm) = self.joint_opening_mm {
             within("joint_opening_mm", opening_mm, -20.0, 50.0)?;
         }
@@ -237,7 +294,171 @@ impl Config {
             )?,
             view_distance_mm: self.view_distance_mm,
             joint_opening_mm: self.joint_opening_mm,
+            calibrations: calibration.in_force()?,
         }))
+    }
+
+    fn limits_of_accuracy(&self) -> Result<(), ConfigError> {
+        let Verification {
+            limit_mm,
+            touches_min,
+            ..
+        } = self.verification;
+        within("verification.limit_mm", limit_mm, 0.1, 10.0)?;
+        within("verification.touches_min", touches_min as f64, 3.0, 32.0)?;
+        let Validity {
+            hand_eye_days,
+            tool_tip_days,
+        } = self.calibrations;
+        within("calibrations.hand_eye_days", hand_eye_days, 0.01, 3650.0)?;
+        within("calibrations.tool_tip_days", tool_tip_days, 0.01, 3650.0)?;
+        let ErrorBudget {
+            arm_accuracy_mm,
+            bite_limit_mm,
+        } = self.error_budget;
+        within("error_budget.arm_accuracy_mm", arm_accuracy_mm, 0.0, 10.0)?;
+        within("error_budget.bite_limit_mm", bite_limit_mm, 0.1, 10.0)
+    }
+}
+
+impl Calibration {
+    /// What the configuration says of its calibrations' accuracy and end.
+    fn in_force(&self) -> Result<InForce, ConfigError> {
+        let valid_until_ms = match &self.valid_until {
+            None => None,
+            Some(day) => Some(end_of_day_ms(day).ok_or_else(|| ConfigError {
+                field: "calibration.valid_until",
+                problem: format!("is {day:?}; must be a day as YYYY-MM-DD"),
+            })?),
+        };
+        let hand_eye: Option<Matrix6<f64>> = covariance(
+            "calibration.hand_eye_covariance",
+            self.hand_eye_covariance.as_deref(),
+        )?;
+        let tool_tip: Option<Matrix3<f64>> = covariance(
+            "calibration.tool_tip_covariance_mm2",
+            self.tool_tip_covariance_mm2.as_deref(),
+        )?;
+        let pose = &self.forceps_base_from_camera;
+        let numbers: Vec<f64> = pose
+            .rotation
+            .into_iter()
+            .chain(pose.translation_mm)
+            .collect();
+        Ok(InForce {
+            hand_eye: configured(Kind::HandEye, &numbers, hand_eye, valid_until_ms),
+            tool_tip: configured(Kind::ToolTip, &[], tool_tip, valid_until_ms),
+            flange_from_tool: drawn_flange_from_tool(),
+        })
+    }
+}
+
+/// A tool whose x lies along the flange's z, as tools are drawn.
+pub(crate) fn drawn_flange_from_tool() -> Rotation {
+    Rotation::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2)
+}
+
+fn configured<const N: usize>(
+    kind: Kind,
+    numbers: &[f64],
+    covariance: Option<SMatrix<f64, N, N>>,
+    valid_until_ms: Option<i64>,
+) -> Standing<SMatrix<f64, N, N>> {
+    let entries = covariance.as_ref().map_or(&[][..], |c| c.as_slice());
+    Standing {
+        id: kind.configured_id().to_owned(),
+        digest: approval::configured_digest(kind, numbers, entries, valid_until_ms),
+        covariance,
+        valid_until_ms,
+        revoked_at_ms: None,
+    }
+}
+
+fn covariance<const N: usize>(
+    field: &'static str,
+    rows: Option<&[f64]>,
+) -> Result<Option<SMatrix<f64, N, N>>, ConfigError> {
+    let Some(rows) = rows else {
+        return Ok(None);
+    };
+    let checked = checked_covariance(rows);
+    checked
+        .map(Some)
+        .map_err(|problem| ConfigError { field, problem })
+}
+
+/// A covariance row by row; the error says what is wrong with it.
+pub(crate) fn checked_covariance<const N: usize>(
+    rows: &[f64],
+) -> Result<SMatrix<f64, N, N>, String> {
+    if rows.len() != N * N {
+        return Err(format!("holds {} numbers; must hold {}", rows.len(), N * N));
+    }
+    let matrix = SMatrix::<f64, N, N>::from_row_slice(rows);
+    if let Some(number) = rows.iter().find(|number| !number.is_finite()) {
+        return Err(format!("holds {number}; must hold finite numbers"));
+    }
+    for row in 0..N {
+        let variance = matrix[(row, row)];
+        if variance < 0.0 {
+            return Err(format!(
+                "has the variance {variance} in row {row}; must be 0 or more"
+            ));
+        }
+        for column in 0..row {
+            let (one, other) = (matrix[(row, column)], matrix[(column, row)]);
+            let largest = (variance * matrix[(column, column)]).sqrt();
+            // What rounds on the way here, against what no two quantities can share.
+            if (one - other).abs() > 1e-6 * largest {
+                return Err(format!(
+                    "is not symmetric: {one} and {other} in row and column {row} and {column}"
+                ));
+            }
+            if one.abs() > largest * (1.0 + 1e-6) {
+                return Err(format!(
+                    "has the covariance {one} in row {row}, column {column}; must be at most {largest}"
+                ));
+            }
+        }
+    }
+    Ok(matrix)
+}
+
+impl Default for Verification {
+    fn default() -> Self {
+        Self {
+            limit_mm: 1.5,
+            required: false,
+            touches_min: 3,
+        }
+    }
+}
+
+impl From<Verification> for Limits {
+    fn from(section: Verification) -> Self {
+        Self {
+            limit_mm: section.limit_mm,
+            touches_min: section.touches_min,
+            required: section.required,
+        }
+    }
+}
+
+impl Default for Validity {
+    fn default() -> Self {
+        Self {
+            hand_eye_days: 90.0,
+            tool_tip_days: 7.0,
+        }
+    }
+}
+
+impl Default for ErrorBudget {
+    fn default() -> Self {
+        Self {
+            arm_accuracy_mm: 0.5,
+            bite_limit_mm: 1.5,
+        }
     }
 }
 
@@ -341,10 +562,23 @@ impl Pose {
 }
 
 #[cfg(test)]
+impl Cell {
+    /// A cell for tests that do not care where things are.
+    pub(crate) fn for_tests() -> Self {
+        let calibration = tests::calibration();
+        let config = Config {
+            calibration: Some(calibration),
+            ..Config::default()
+        };
+        config.cell().unwrap().unwrap()
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
-    fn calibration() -> Calibration {
+    pub(super) fn calibration() -> Calibration {
         let pose = Pose {
             rotation: [1.0, 0.0, 0.0, 0.0],
             translation_mm: [0.0; 3],
@@ -356,7 +590,45 @@ mod tests {
             arthroscope_portal_mm: [0.0; 3],
             forceps_base_from_tool_at_tray: pose,
             arthroscope_rest_mm: [0.0; 3],
+            valid_until: None,
+            hand_eye_covariance: None,
+            tool_tip_covariance_mm2: None,
         }
+    }
+
+    #[test]
+    fn a_covariance_that_no_measurement_has_is_refused() {
+        let with = |rows: Vec<f64>| Config {
+            calibration: Some(Calibration {
+                tool_tip_covariance_mm2: Some(rows),
+                ..calibration()
+            }),
+            ..Config::default()
+        };
+        let rows = |off: f64, other: f64| vec![0.01, off, 0.0, other, 0.04, 0.0, 0.0, 0.0, 0.01];
+        assert!(with(rows(0.01, 0.01)).cell().is_ok());
+        for (rows, expected) in [
+            (vec![1.0; 8], "holds 8 numbers; must hold 9"),
+            (rows(f64::NAN, 0.0), "must hold finite numbers"),
+            (rows(0.01, 0.0), "is not symmetric"),
+            (rows(0.03, 0.03), "must be at most 0.02"),
+            (vec![-1.0; 9], "must be 0 or more"),
+        ] {
+            let problem = problem(&with(rows));
+            assert!(problem.contains(expected), "{problem}");
+        }
+    }
+
+    #[test]
+    fn an_end_that_is_no_day_is_refused() {
+        let config = Config {
+            calibration: Some(Calibration {
+                valid_until: Some("31.01.2027".to_owned()),
+                ..calibration()
+            }),
+            ..Config::default()
+        };
+        assert!(problem(&config).contains("valid_until is \"31.01.2027\"; must be a day"));
     }
 
     fn problem(config: &Config) -> String {

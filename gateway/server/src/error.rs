@@ -6,6 +6,8 @@ use tonic::{Code, Status};
 use crate::approval::Digest;
 use crate::audit::AuditFailed;
 use crate::audit::layer::AUDIT_FAILED;
+use crate::calendar::utc;
+use crate::calibrations::record::Unusable;
 use crate::clients::Failure;
 use crate::journal::JournalError;
 use crate::procedure::State;
@@ -78,6 +80,56 @@ pub enum Error {
     RegistrationRejected {
         /// Why, in the registration service's words.
         reasons: Vec<String>,
+    },
+    /// The registration's verdict is REVIEW, and no surgeon accepts it.
+    #[error("the registration's verdict is REVIEW, which a surgeon has to accept: {}", reasons.join(", "))]
+    SurgeonNeeded {
+        /// Why, in the registration service's words.
+        reasons: Vec<String>,
+    },
+    /// Landmarks were found farther off than the limit.
+    #[error(
+        "the touched landmarks are {rms_mm:.2} mm off, root mean square; must be at most {limit_mm} mm"
+    )]
+    VerificationFailed {
+        /// Measured.
+        rms_mm: f64,
+        /// Allowed.
+        limit_mm: f64,
+    },
+    /// A verification is required and did not pass.
+    #[error("the registration is not verified: {}", missing.join("; "))]
+    NotVerified {
+        /// What is missing, with value and limit.
+        missing: Vec<String>,
+    },
+    /// No landmark of this name was touched.
+    #[error("no landmark {0:?} was touched for the registration in force")]
+    UnknownLandmark(String),
+    /// The arm moved while its tip was being read.
+    #[error("the forceps arm moved {moved_mm:.2} mm while its tip was read; it must stand still")]
+    ArmMoving {
+        /// Between two readings, mm.
+        moved_mm: f64,
+    },
+    /// The arm's controller is away, so that nothing of it is measured now.
+    #[error("the forceps arm is not connected; its tip cannot be read")]
+    ArmNotConnected,
+    /// No such calibration.
+    #[error("no calibration has the id {0:?}")]
+    UnknownCalibration(String),
+    /// A calibration is expired or revoked.
+    #[error(transparent)]
+    CalibrationExpired(#[from] Unusable),
+    /// The motion service moves another tip than the calibrated one.
+    #[error(
+        "the motion service's tip is {apart_mm:.2} mm from the calibrated one; must be within {limit_mm} mm"
+    )]
+    ToolNotInUse {
+        /// Between the tips, mm.
+        apart_mm: f64,
+        /// Allowed, mm.
+        limit_mm: f64,
     },
     /// Nobody accepted the registration.
     #[error("the registration was not accepted by a person")]
@@ -222,6 +274,15 @@ impl Error {
             Self::NotRegistered => "NOT_REGISTERED",
             Self::RegistrationRejected { .. } => "REGISTRATION_REJECTED",
             Self::NotAccepted => "REGISTRATION_NOT_ACCEPTED",
+            Self::SurgeonNeeded { .. } => "SURGEON_NEEDED",
+            Self::VerificationFailed { .. } => "VERIFICATION_FAILED",
+            Self::NotVerified { .. } => "NOT_VERIFIED",
+            Self::UnknownLandmark(_) => "UNKNOWN_LANDMARK",
+            Self::ArmMoving { .. } => "ARM_MOVING",
+            Self::ArmNotConnected => "NOT_CONNECTED",
+            Self::UnknownCalibration(_) => "UNKNOWN_CALIBRATION",
+            Self::CalibrationExpired(_) => "CALIBRATION_EXPIRED",
+            Self::ToolNotInUse { .. } => "TOOL_NOT_IN_USE",
             Self::NotPlanned => "NOT_PLANNED",
             Self::NotCalibrated => "NOT_CALIBRATED",
             Self::DigestMismatch { .. } => "DIGEST_MISMATCH",
@@ -257,7 +318,27 @@ impl Error {
                 ("whole_s", whole_s.to_string()),
             ],
             Self::CaseIncomplete { missing } => vec![("missing", (*missing).to_owned())],
-            Self::RegistrationRejected { reasons } => vec![("reasons", reasons.join(","))],
+            Self::RegistrationRejected { reasons } | Self::SurgeonNeeded { reasons } => {
+                vec![("reasons", reasons.join(","))]
+            }
+            Self::VerificationFailed { rms_mm, limit_mm } => vec![
+                ("tre_rms_mm", format!("{rms_mm:.3}")),
+                ("limit_mm", limit_mm.to_string()),
+            ],
+            Self::NotVerified { missing } => vec![("missing", missing.join("; "))],
+            Self::UnknownLandmark(landmark) => vec![("landmark", landmark.clone())],
+            Self::ArmMoving { moved_mm } => vec![("moved_mm", format!("{moved_mm:.3}"))],
+            Self::UnknownCalibration(id) => vec![("calibration_id", id.clone())],
+            Self::CalibrationExpired(unusable) => vec![
+                ("kind", unusable.kind.to_string()),
+                ("calibration_id", unusable.id.clone()),
+                ("how", unusable.how.to_string()),
+                ("since", utc(unusable.since_ms)),
+            ],
+            Self::ToolNotInUse { apart_mm, limit_mm } => vec![
+                ("apart_mm", format!("{apart_mm:.3}")),
+                ("limit_mm", limit_mm.to_string()),
+            ],
             Self::DigestMismatch { seen, current } => {
                 vec![("seen", seen.to_string()), ("current", current.to_string())]
             }
@@ -335,9 +416,10 @@ impl From<Error> for Status {
                     .map(|violation| (violation.field, violation.description))
                     .collect(),
             ),
-            Error::UnknownCase(_) | Error::UnknownProcedure(_) => {
-                status::not_found(error.reason(), message, &metadata)
-            }
+            Error::UnknownCase(_)
+            | Error::UnknownProcedure(_)
+            | Error::UnknownLandmark(_)
+            | Error::UnknownCalibration(_) => status::not_found(error.reason(), message, &metadata),
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
             Error::CaseChanged | Error::UploadTooSlow { .. } => {
                 status::aborted(error.reason(), message, &metadata)

@@ -21,7 +21,8 @@ use tokio::sync::watch;
 pub use crate::journal::place::Place;
 
 use crate::approval::Digest;
-use crate::audit::entry::{Kind, Link, Tail};
+use crate::audit::entry::{self, Link, Tail};
+use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -90,6 +91,28 @@ pub trait Journal: Send + Sync + 'static {
     async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError>;
     /// At most `limit` entries of the audit.
     async fn audit(&self, filter: &AuditFilter, limit: u32) -> Result<Vec<AuditRow>, JournalError>;
+    /// Writes a new calibration.
+    async fn create_calibration(&self, calibration: &Calibration) -> Result<(), JournalError>;
+    /// Writes that a calibration is not to be used any more.
+    async fn revoke_calibration(
+        &self,
+        calibration_id: &str,
+        revocation: &Revocation,
+    ) -> Result<(), JournalError>;
+    /// Writes which calibration of a kind is in force; none: the configured one.
+    async fn put_in_force(
+        &self,
+        kind: Kind,
+        calibration_id: Option<&str>,
+        operator: &str,
+        at_ms: i64,
+    ) -> Result<(), JournalError>;
+    /// One calibration.
+    async fn calibration(&self, calibration_id: &str) -> Result<Option<Calibration>, JournalError>;
+    /// All saved calibrations, newest first.
+    async fn calibrations(&self) -> Result<Vec<Calibration>, JournalError>;
+    /// The saved calibrations that are in force, at most one of a kind.
+    async fn calibrations_in_force(&self) -> Result<Vec<Calibration>, JournalError>;
 }
 
 /// Which entries of the audit.
@@ -100,7 +123,7 @@ pub struct AuditFilter {
     /// Up to this number.
     pub last: u64,
     /// Of this kind; any if unset.
-    pub kind: Option<Kind>,
+    pub kind: Option<entry::Kind>,
     /// By this person, certified or stated; anybody if empty.
     pub name: String,
     /// Of this case; any if empty.

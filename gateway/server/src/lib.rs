@@ -9,13 +9,17 @@
 pub mod approval;
 mod aside;
 pub mod audit;
+mod calendar;
+pub mod calibrations;
 pub mod cases;
 pub mod clients;
 pub mod config;
 pub mod error;
+pub mod error_budget;
 pub mod journal;
 pub mod procedure;
 pub mod server;
+pub mod verification;
 mod wall_clock;
 pub mod wire;
 mod words;
@@ -26,6 +30,7 @@ use tonic::service::Routes;
 pub use crate::config::Config;
 
 use crate::audit::{Audit, Entry, Kind, Who, refusals};
+use crate::calibrations::Calibrations;
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::clients::channel::Connector;
@@ -57,7 +62,14 @@ impl Service for Server {
         let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
         audit.record(started(&audit)).await?;
         tokio::spawn(refusals::record(audit.clone(), host.refusals()));
-        let cases = Cases::new(journal.clone(), cell, config.approval, audit.clone());
+        let calibrations = Calibrations::open(journal.clone(), cell, config.calibrations).await?;
+        let cases = Cases::new(
+            journal.clone(),
+            calibrations,
+            config.verification.into(),
+            config.approval,
+            audit.clone(),
+        );
         let procedures =
             Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
         let leaving = (procedures.clone(), audit.clone());
@@ -73,7 +85,12 @@ impl Service for Server {
             drop(hold);
         });
         Ok(server::routes(
-            cases, procedures, clients, config.jaw, audit,
+            cases,
+            procedures,
+            clients,
+            config.jaw,
+            config.error_budget,
+            audit,
         ))
     }
 }

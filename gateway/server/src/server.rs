@@ -1,6 +1,7 @@
 //! gRPC in and out: the services of the gateway and what they share.
 
 mod audit;
+mod calibration;
 mod case;
 mod procedure;
 mod standby;
@@ -9,6 +10,7 @@ use std::pin::Pin;
 
 use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1::audit_service_server::AuditServiceServer;
+use arthro_proto::gateway::v1::calibration_service_server::CalibrationServiceServer;
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
 use tokio_stream::Stream;
 use tonic::service::Routes;
@@ -18,7 +20,7 @@ use tower::Layer as _;
 use crate::audit::{Audit, AuditLayer};
 use crate::cases::Cases;
 use crate::clients::Clients;
-use crate::config::Jaw;
+use crate::config::{ErrorBudget, Jaw};
 use crate::error::{Error, Result, Violation};
 use crate::procedure::control::Procedures;
 
@@ -31,13 +33,19 @@ pub fn routes(
     procedures: Procedures,
     clients: Clients,
     jaw: Jaw,
+    error_budget: ErrorBudget,
     audit: Audit,
 ) -> Routes {
     let audited = AuditLayer::new(audit.clone());
     let on_duty = standby::OnDuty(procedures.duty());
-    let cases = CaseServiceServer::new(case::CaseApi::new(cases, clients, jaw));
+    let calibrations = CalibrationServiceServer::new(calibration::CalibrationApi::new(
+        cases.calibrations().clone(),
+        clients.motion.clone(),
+    ));
+    let cases = CaseServiceServer::new(case::CaseApi::new(cases, clients, jaw, error_budget));
     let procedures = procedure::watch::Watched::new(procedures);
     Routes::new(audited.layer(on_duty.layer(cases)))
+        .add_service(audited.layer(on_duty.layer(calibrations)))
         .add_service(audited.layer(on_duty.layer(procedures)))
         .add_service(audited.layer(AuditServiceServer::new(audit::AuditApi::new(audit))))
 }
@@ -74,6 +82,13 @@ fn text(field: &str, value: String, longest: usize) -> Result<String, Violation>
 /// An id that names something.
 fn id(field: &str, value: String) -> Result<String, Violation> {
     text(field, value, 100)
+}
+
+/// Who acts, where a request states it in `field`: the certificate's name, or without one whoever is stated.
+fn acting(caller: &Caller, field: &str, stated: String) -> Result<String, Violation> {
+    let name = caller.acting(stated);
+    let name = name.map_err(|other| Violation::new(field, other.to_string()))?;
+    text(field, name, 100)
 }
 
 /// Gathers all violations of a request.

@@ -3,6 +3,8 @@
 //! Reading checks: a number is finite, a direction and a quaternion are unit, and what is not is a
 //! [`Violation`] that names the field.
 
+mod accuracy;
+
 use arthro_geometry::frame::{Camera, Ct, Frame};
 use arthro_geometry::{Point3, Rigid, Rotation, Similarity, Vector3};
 use arthro_proto::common::v1 as common;
@@ -11,6 +13,10 @@ use arthro_proto::registration::v1 as registration;
 use bytes::Bytes;
 use nalgebra::Quaternion;
 use prost::Message as _;
+
+pub use accuracy::{
+    errors_message, hand_eye, tool_tip, touch, touch_message, uncertainty, verification_message,
+};
 
 use crate::cases::case::{Bite, Plan, Registration, Verdict, View};
 use crate::config::Jaw;

@@ -40,6 +40,7 @@ use arthro_bootstrap::{BoxError, Host};
 use tonic::service::Routes;
 
 pub use crate::config::Config;
+pub use crate::server::calibration::answer as calibration_answer;
 
 /// The registration server: stateless, any replica may answer.
 #[derive(Debug)]

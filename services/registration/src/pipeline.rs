@@ -114,6 +114,10 @@ pub struct Registration {
     pub residuals_mm: Vec<f32>,
     /// Covariance of turn (rad, about the model's centre, in ct), shift (mm) and logarithm of scale.
     pub covariance: Covariance,
+    /// What the turn is about, in ct: the model's centre.
+    pub covariance_about: Point3,
+    /// What stays where it is when the scale changes, in ct: the view's centre.
+    pub scale_about: Point3,
     /// What speaks for and against the pose.
     pub evidence: Evidence,
     /// The judgement.
@@ -151,6 +155,8 @@ pub fn register(
         mse_mm2: mean_squared_error(&problem, &problem.view.dense, &best.pose),
         residuals_mm: residuals(&problem, target, &best.pose),
         covariance,
+        covariance_about: problem.model.center,
+        scale_about: problem.model.center + best.pose.translation_mm,
         evidence,
         verdict,
         reasons,

@@ -22,7 +22,7 @@ use crate::input::MIN_DEADLINE_S;
 use crate::pipeline::{Event, register};
 
 mod answer;
-mod calibration;
+pub mod calibration;
 mod depth;
 mod receive;
 mod surface;

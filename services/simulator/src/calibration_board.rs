@@ -1,12 +1,12 @@
 //! The calibration board on the drive unit of the forceps arm, as a corner detector finds it in the camera's picture.
 
-use arthro_geometry::frame::{Board, Camera};
+use arthro_geometry::frame::{Board, Camera, Flange, ForcepsBase};
 use arthro_geometry::{Point3, Rigid, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::camera::normal_pair;
-use crate::scenario::Intrinsics;
+use crate::scenario::{Intrinsics, Scenario};
 
 /// Corners along x and y.
 const COLUMNS: u32 = 9;
@@ -54,6 +54,24 @@ pub enum NotInView {
 pub fn middle() -> Vector3 {
     let half = |corners: u32| 0.5 * f64::from(corners - 1) * PITCH_MM;
     Vector3::new(half(COLUMNS), half(ROWS), 0.0)
+}
+
+impl Scenario {
+    /// The corners of the board in the camera's picture while the flange of the forceps arm is here.
+    ///
+    /// # Errors
+    /// When not all corners are in view.
+    pub fn board_corners(
+        &self,
+        base_from_flange: &Rigid<ForcepsBase, Flange>,
+        seed: u64,
+    ) -> Result<Vec<SeenCorner>, NotInView> {
+        let mounted = &self.truth.mounted;
+        let camera_from_board = mounted.forceps_base_from_camera.inverse()
+            * *base_from_flange
+            * mounted.flange_from_board;
+        find(&camera_from_board, &self.spec.camera, self.spec.seed, seed)
+    }
 }
 
 /// The corners in a picture. The same case and seed give the same noise.

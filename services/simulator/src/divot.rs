@@ -1,11 +1,13 @@
 //! The divot: a cone on three dial gauges. It follows a tip that is put into it and reads how far it is held from its
 //! rest.
 
-use arthro_geometry::{Point3, Vector3};
+use arthro_geometry::frame::{Flange, ForcepsBase};
+use arthro_geometry::{Point3, Rigid, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::camera::normal_pair;
+use crate::scenario::Scenario;
 
 /// How far it can follow, mm.
 pub const REACH_MM: f64 = 12.0;
@@ -18,6 +20,22 @@ const NOISE_MM: f64 = 0.03;
 pub struct Empty {
     /// From the tip to the divot at rest, mm.
     pub distance_mm: f64,
+}
+
+impl Scenario {
+    /// What the gauges read while the flange of the forceps arm is here, mm.
+    ///
+    /// # Errors
+    /// When the tip is not in the divot.
+    pub fn divot_reading(
+        &self,
+        base_from_flange: &Rigid<ForcepsBase, Flange>,
+        seed: u64,
+    ) -> Result<Vector3, Empty> {
+        let mounted = &self.truth.mounted;
+        let tip = *base_from_flange * mounted.flange_from_tools[0].origin();
+        read(&tip, &mounted.divot, self.spec.seed, seed)
+    }
 }
 
 /// What the gauges read, mm. The same case and seed give the same noise.

@@ -54,6 +54,9 @@ pub enum Bench {
     Registration(BenchRegistration),
     /// Registers what the simulated camera sees of one knee after another, scored by the referee.
     Cell(BenchCell),
+    /// Calibrates and registers one simulated cell after another, and holds the predicted error of bites against the
+    /// referee's.
+    Budget(BenchBudget),
 }
 
 #[derive(Debug, Args)]
@@ -64,6 +67,16 @@ pub struct BenchRegistration {
     #[arg(long, value_name = "TEXT")]
     pub only: Option<String>,
     /// Prints a line for each case.
+    #[arg(long)]
+    pub each: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct BenchBudget {
+    /// How many cells.
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// Prints a line for each cell.
     #[arg(long)]
     pub each: bool,
 }
@@ -152,6 +165,46 @@ pub struct CalibrationFile {
     /// The measurements (JSON).
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Saves the answer with the gateway under this label.
+    #[arg(long, value_name = "LABEL", requires = "operator")]
+    pub save: Option<String>,
+    /// Who saves it.
+    #[arg(long, requires = "save")]
+    pub operator: Option<String>,
+    /// How many days it holds; as long as the gateway's configuration says if not given.
+    #[arg(long, requires = "save")]
+    pub valid_days: Option<f64>,
+}
+
+/// Calibrations that the gateway keeps.
+#[derive(Debug, Subcommand)]
+pub enum Calibration {
+    /// Lists all, the configured ones first.
+    List,
+    /// Shows one.
+    Show {
+        /// Its id.
+        calibration: String,
+    },
+    /// Puts one in force in the place of the one of its kind; voids approvals.
+    Activate {
+        /// Its id; `configured-hand-eye` and `configured-tool-tip` are those of the configuration.
+        calibration: String,
+        /// Who puts it in force.
+        #[arg(long)]
+        operator: String,
+    },
+    /// Says that one is not to be used any more.
+    Revoke {
+        /// Its id.
+        calibration: String,
+        /// Who revokes it.
+        #[arg(long)]
+        operator: String,
+        /// Why, for the record.
+        #[arg(long)]
+        because: String,
+    },
 }
 
 fn scale(text: &str) -> Result<ScaleRange, String> {

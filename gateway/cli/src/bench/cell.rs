@@ -14,7 +14,7 @@ use arthro_registration::depth::options::Options as DepthOptions;
 use arthro_registration::depth::{Capture, from_view};
 use arthro_registration::error::Error;
 use arthro_registration::gate::Verdict;
-use arthro_registration::pipeline::{Options, register};
+use arthro_registration::pipeline::{Options, Registration, register};
 use arthro_simulator::camera::Camera;
 use arthro_simulator::scenario::{Scenario, Spec};
 use serde_json::json;
@@ -76,6 +76,18 @@ pub async fn run(arguments: BenchCell, output: &Output) -> Result<(), Failure> {
 }
 
 fn register_once(scenario: &Scenario, seed: u64) -> Result<Trial, Failure> {
+    let began = Instant::now();
+    let answer = register_view(scenario, seed)?;
+    Ok(Trial {
+        tre_mm: scenario.score(&answer.camera_from_ct).tre_rms_mm,
+        tre_predicted_mm: answer.evidence.tre_predicted_mm,
+        verdict: answer.verdict,
+        seconds: began.elapsed().as_secs_f64(),
+    })
+}
+
+/// Registers what the camera of this cell sees.
+pub fn register_view(scenario: &Scenario, seed: u64) -> Result<Registration, Failure> {
     let camera = Camera::new(scenario);
     let picture = camera.capture(seed);
     let lens = camera.intrinsics();
@@ -103,7 +115,6 @@ fn register_once(scenario: &Scenario, seed: u64) -> Result<Trial, Failure> {
         mask: Some(&mask),
     };
     let budget = Budget::default();
-    let began = Instant::now();
     let target = from_view(&capture, &DepthOptions::default(), &budget)?.cloud();
     let source = sampled::sample(
         &scenario.preoperative.model,
@@ -114,13 +125,7 @@ fn register_once(scenario: &Scenario, seed: u64) -> Result<Trial, Failure> {
         viewpoint: Some(Point3::origin()),
         ..Options::default()
     };
-    let answer = register(&source, &target, &options, &mut |_| {}, &budget)?;
-    Ok(Trial {
-        tre_mm: scenario.score(&answer.camera_from_ct).tre_rms_mm,
-        tre_predicted_mm: answer.evidence.tre_predicted_mm,
-        verdict: answer.verdict,
-        seconds: began.elapsed().as_secs_f64(),
-    })
+    Ok(register(&source, &target, &options, &mut |_| {}, &budget)?)
 }
 
 fn report(trials: &[(u64, Trial)], each: bool, output: &Output) {

@@ -5,8 +5,8 @@
 //! the divot, solves, and has the referee say how far off the answers are.
 
 mod arm;
-mod board;
-mod divot;
+pub mod board;
+pub mod divot;
 mod summary;
 
 use arthro_proto::simulator::v1::referee_service_client::RefereeServiceClient;

@@ -139,6 +139,9 @@ impl Configuration {
                 arthroscope_portal_mm: view.portal_in_arthroscope_base.into(),
                 forceps_base_from_tool_at_tray: Pose::of(&view.forceps_base_from_tool_at_tray),
                 arthroscope_rest_mm: arthroscope_rest(&view).into(),
+                valid_until: None,
+                hand_eye_covariance: None,
+                tool_tip_covariance_mm2: None,
             }),
             ..Default::default()
         };

@@ -1,6 +1,6 @@
 //! Answers of the gateway as JSON for programs and as lines for people.
 
-use arthro_proto::gateway::v1::{Case, Procedure};
+use arthro_proto::gateway::v1::{Calibration, Case, PredictedErrors, Procedure, Verification};
 use arthro_proto::planning::v1::{BiteAccount, Planner, ResectionEvaluation, ResectionPlan};
 use arthro_proto::registration::v1::RegistrationResult;
 use serde_json::{Value, json};
@@ -28,6 +28,76 @@ pub fn case(case: &Case) -> Value {
             "at_ms": approval.at_ms,
         })).collect::<Vec<_>>(),
         "approvals_needed": case.approvals_needed,
+        "acceptance": case.acceptance.as_ref().map(|acceptance| json!({
+            "accepted_by": acceptance.accepted_by,
+            "role": acceptance.role,
+            "verdict": acceptance.verdict().as_str_name().trim_start_matches("VERDICT_"),
+            "reasons": acceptance.reasons,
+        })),
+    })
+}
+
+/// What was touched, judged.
+pub fn verification(verification: &Verification) -> Value {
+    let verdict = verification.verdict().as_str_name();
+    let touches = verification.touches.iter().map(|touch| {
+        json!({
+            "landmark": touch.landmark,
+            "distance_mm": touch.distance_mm,
+            "operator": touch.operator,
+        })
+    });
+    json!({
+        "verdict": verdict.trim_start_matches("VERIFICATION_VERDICT_"),
+        "tre_rms_mm": verification.tre_rms_mm,
+        "tre_max_mm": verification.tre_max_mm,
+        "limit_mm": verification.limit_mm,
+        "required": verification.required,
+        "reasons": verification.reasons,
+        "touches": touches.collect::<Vec<_>>(),
+    })
+}
+
+/// How far the bites are expected to be off, and by what.
+pub fn predicted_errors(errors: &PredictedErrors) -> Value {
+    let word = |name: &str| name.trim_start_matches("ERROR_PART_").to_owned();
+    let bites = errors.bites.iter().map(|bite| {
+        json!({
+            "rms_mm": bite.rms_mm,
+            "registration_mm": bite.registration_mm,
+            "hand_eye_mm": bite.hand_eye_mm,
+            "arm_mm": bite.arm_mm,
+            "tool_tip_mm": bite.tool_tip_mm,
+            "dominant": word(bite.dominant().as_str_name()),
+            "above_limit": bite.above_limit,
+        })
+    });
+    let unknown = errors.unknown().map(|part| word(part.as_str_name()));
+    json!({
+        "rms_max_mm": errors.rms_max_mm,
+        "limit_mm": errors.limit_mm,
+        "unknown": unknown.collect::<Vec<_>>(),
+        "bites": bites.collect::<Vec<_>>(),
+    })
+}
+
+/// A calibration that the gateway keeps.
+pub fn calibration(calibration: &Calibration) -> Value {
+    let kind = calibration.kind().as_str_name();
+    let state = calibration.state().as_str_name();
+    json!({
+        "calibration_id": calibration.calibration_id,
+        "kind": kind.trim_start_matches("CALIBRATION_KIND_"),
+        "label": calibration.label,
+        "state": state.trim_start_matches("CALIBRATION_STATE_"),
+        "in_force": calibration.in_force,
+        "deviation_mm": calibration.deviation_mm,
+        "saved_by": calibration.saved_by,
+        "saved_at_ms": calibration.saved_at_ms,
+        "valid_until_ms": calibration.valid_until_ms,
+        "revoked_by": calibration.revoked_by,
+        "revoked_because": calibration.revoked_because,
+        "digest": calibration.digest,
     })
 }
 

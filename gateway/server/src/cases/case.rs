@@ -4,6 +4,7 @@
 //! drops everything behind it, so that nothing can be approved that rests on something else than
 //! what was looked at.
 
+use arthro_bootstrap::Role;
 use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Point3, Similarity, Vector3};
 use bytes::Bytes;
@@ -11,6 +12,7 @@ use bytes::Bytes;
 use crate::approval::{Approval, Digest, Policy, Signatory};
 use crate::config::Jaw;
 use crate::error::{Error, Result};
+use crate::verification::Verification;
 use crate::words::words;
 
 /// One patient's model, what the camera saw, how they fit, and which bites were approved.
@@ -31,11 +33,24 @@ pub struct Case {
     /// The registration in force.
     pub registration: Option<Registration>,
     /// Who accepted the registration.
-    pub accepted_by: Option<String>,
+    pub acceptance: Option<Acceptance>,
+    /// The landmarks touched for the registration in force.
+    pub verification: Option<Verification>,
     /// The plan in force.
     pub plan: Option<Plan>,
     /// Who approved which digest.
     pub approval: Option<Approval>,
+}
+
+/// Who accepted a registration. What they took upon themselves stands in the registration: its verdict and reasons.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Acceptance {
+    /// Who.
+    pub by: String,
+    /// As what.
+    pub role: Role,
+    /// Milliseconds since 1970-01-01 UTC.
+    pub at_ms: i64,
 }
 
 /// What is known of a stored model without reading it.
@@ -151,7 +166,8 @@ impl Case {
             model: None,
             scene: None,
             registration: None,
-            accepted_by: None,
+            acceptance: None,
+            verification: None,
             plan: None,
             approval: None,
         }
@@ -163,7 +179,7 @@ impl Case {
             Stage::Created
         } else if self.registration.is_none() {
             Stage::Ready
-        } else if self.accepted_by.is_none() {
+        } else if self.acceptance.is_none() {
             Stage::Registered
         } else if self.plan.is_none() {
             Stage::Accepted
@@ -204,15 +220,20 @@ impl Case {
         Ok(())
     }
 
-    /// A person accepts the registration in force.
-    pub fn accept(&mut self, operator: String) -> Result<()> {
+    /// A person accepts the registration in force; a doubtful one needs a surgeon, and a rejected one nobody accepts.
+    pub fn accept(&mut self, acceptance: Acceptance) -> Result<()> {
         let registration = self.registration.as_ref().ok_or(Error::NotRegistered)?;
         if registration.verdict == Verdict::Reject {
             return Err(Error::RegistrationRejected {
                 reasons: registration.reasons.clone(),
             });
         }
-        self.accepted_by = Some(operator);
+        if registration.verdict == Verdict::Review && acceptance.role != Role::Surgeon {
+            return Err(Error::SurgeonNeeded {
+                reasons: registration.reasons.clone(),
+            });
+        }
+        self.acceptance = Some(acceptance);
         Ok(())
     }
 
@@ -307,7 +328,7 @@ impl Case {
     /// The registration, once a person accepted it.
     pub fn accepted(&self) -> Result<&Registration> {
         let registration = self.registration.as_ref().ok_or(Error::NotRegistered)?;
-        match self.accepted_by {
+        match self.acceptance {
             Some(_) => Ok(registration),
             None => Err(Error::NotAccepted),
         }
@@ -315,7 +336,8 @@ impl Case {
 
     fn void_registration(&mut self) {
         self.registration = None;
-        self.accepted_by = None;
+        self.acceptance = None;
+        self.verification = None;
         self.plan = None;
         self.approval = None;
     }
@@ -346,6 +368,14 @@ mod tests {
         }
     }
 
+    fn by(role: Role) -> Acceptance {
+        Acceptance {
+            by: "somebody".to_owned(),
+            role,
+            at_ms: 0,
+        }
+    }
+
     fn digest(byte: u8) -> Digest {
         Digest::from_bytes([byte; 32])
     }
@@ -370,7 +400,7 @@ mod tests {
         case.replace_model(model());
         case.replace_scene(scene());
         case.register(registration(Verdict::Review)).unwrap();
-        case.accept("operator".to_owned()).unwrap();
+        case.accept(by(Role::Surgeon)).unwrap();
         case.replace_plan(plan()).unwrap();
         case.approve(surgeon("Dr. Adams"), digest(3), digest(3), ONE)
             .unwrap();
@@ -525,9 +555,38 @@ mod tests {
         let mut case = approved();
         case.register(registration(Verdict::Reject)).unwrap();
         assert!(matches!(
-            case.accept("operator".to_owned()),
+            case.accept(by(Role::Surgeon)),
             Err(Error::RegistrationRejected { .. })
         ));
+    }
+
+    #[test]
+    fn a_doubtful_registration_is_accepted_by_a_surgeon_only() {
+        let mut case = approved();
+        case.register(registration(Verdict::Review)).unwrap();
+        for role in [Role::Viewer, Role::Operator, Role::Service] {
+            let refused = case.accept(by(role));
+            assert!(
+                matches!(refused, Err(Error::SurgeonNeeded { .. })),
+                "{role}"
+            );
+            assert_eq!(case.stage(None), Stage::Registered);
+        }
+        case.accept(by(Role::Surgeon)).unwrap();
+        assert_eq!(case.stage(None), Stage::Accepted);
+    }
+
+    #[test]
+    fn another_registration_scene_or_model_voids_what_was_touched() {
+        let touched = || Case {
+            verification: Some(Verification::new(digest(9))),
+            ..approved()
+        };
+        let mut cases = [touched(), touched(), touched()];
+        cases[0].register(registration(Verdict::Accept)).unwrap();
+        cases[1].replace_scene(scene());
+        cases[2].replace_model(model());
+        assert!(cases.iter().all(|case| case.verification.is_none()));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The two arms, through the motion service.
 
+mod standing;
+
 use arthro_geometry::frame::{Base, Tool};
 use arthro_geometry::{Point3, Rigid, Rotation};
 use arthro_proto::common::v1 as common;
@@ -12,6 +14,8 @@ use super::{
 };
 use crate::wire;
 use crate::words::words;
+
+pub use standing::Standing;
 
 const PEER: Peer = Peer::Motion;
 

@@ -4,6 +4,7 @@
 //! is made by a gateway that is no longer in command.
 
 mod audit;
+mod calibrations;
 mod cases;
 mod command;
 mod migrations;
@@ -19,6 +20,7 @@ use tokio::sync::{Mutex, watch};
 use super::{AuditFilter, AuditRow, Blob, Duty, Journal, JournalError};
 use crate::approval::Digest;
 use crate::audit::entry::{Link, Tail};
+use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
@@ -210,5 +212,45 @@ impl Journal for SqlJournal {
 
     async fn audit(&self, filter: &AuditFilter, limit: u32) -> Result<Vec<AuditRow>, JournalError> {
         audit::select(&self.readers, filter, limit).await
+    }
+
+    async fn create_calibration(&self, calibration: &Calibration) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        calibrations::create(&mut transaction, calibration).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn revoke_calibration(
+        &self,
+        calibration_id: &str,
+        revocation: &Revocation,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        calibrations::revoke(&mut transaction, calibration_id, revocation).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn put_in_force(
+        &self,
+        kind: Kind,
+        calibration_id: Option<&str>,
+        operator: &str,
+        at_ms: i64,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        calibrations::put_in_force(&mut transaction, kind, calibration_id, operator, at_ms).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn calibration(&self, calibration_id: &str) -> Result<Option<Calibration>, JournalError> {
+        calibrations::one(&self.readers, calibration_id).await
+    }
+
+    async fn calibrations(&self) -> Result<Vec<Calibration>, JournalError> {
+        calibrations::all(&self.readers).await
+    }
+
+    async fn calibrations_in_force(&self) -> Result<Vec<Calibration>, JournalError> {
+        calibrations::in_force(&self.readers).await
     }
 }

@@ -380,7 +380,7 @@ struct StillApproved {
 impl Approval for StillApproved {
     async fn check(&self) -> Result<()> {
         self.cases
-            .approved(&self.case_id, self.digest)
+            .still_approved(&self.case_id, self.digest)
             .await
             .map(drop)
     }

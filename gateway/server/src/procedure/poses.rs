@@ -250,6 +250,7 @@ mod tests {
             arthroscope_rest: Point3::new(600.0, 300.0, 300.0),
             view_distance_mm: 20.0,
             joint_opening_mm: None,
+            calibrations: Cell::for_tests().calibrations,
         }
     }
 

@@ -1,5 +1,7 @@
 //! `CaseService`.
 
+mod acceptance;
+mod accuracy;
 mod plans;
 mod uploads;
 
@@ -19,10 +21,10 @@ use super::{Answers, id, person, refuse, text};
 use crate::approval::{Approval, Signatory};
 use crate::aside::aside;
 use crate::audit::Who;
-use crate::cases::case::{Case, Stage};
+use crate::cases::case::{Case, Stage, Verdict};
 use crate::cases::{Cases, surface};
 use crate::clients::Clients;
-use crate::config::Jaw;
+use crate::config::{ErrorBudget, Jaw};
 use crate::error::{Error, Result as DomainResult};
 use crate::journal::Blob;
 use crate::wall_clock::now_ms;
@@ -39,15 +41,17 @@ pub(super) struct CaseApi {
     cases: Cases,
     clients: Clients,
     jaw: Jaw,
+    error_budget: ErrorBudget,
     large_calls: Arc<Semaphore>,
 }
 
 impl CaseApi {
-    pub(super) fn new(cases: Cases, clients: Clients, jaw: Jaw) -> Self {
+    pub(super) fn new(cases: Cases, clients: Clients, jaw: Jaw, error_budget: ErrorBudget) -> Self {
         Self {
             cases,
             clients,
             jaw,
+            error_budget,
             large_calls: Arc::new(Semaphore::new(LARGE_CALLS_MAX)),
         }
     }
@@ -84,6 +88,7 @@ impl CaseApi {
             approved_digest: text(approval.map(|approval| approval.digest)),
             approvals: approval.map_or_else(Vec::new, approval_messages),
             approvals_needed: self.cases.policy().persons.into(),
+            acceptance: acceptance_message(case),
         }
     }
 }
@@ -168,16 +173,34 @@ impl CaseService for CaseApi {
     ) -> Result<Response<proto::AcceptRegistrationResponse>, Status> {
         let caller = Caller::of(request.extensions());
         let request = request.into_inner();
+        let acceptance = acceptance::acceptance(&caller, &request).map_err(refuse)?;
         let case_id = id("case_id", request.case_id).map_err(refuse)?;
-        let operator = person(&caller, "operator", request.operator).map_err(refuse)?;
         let case = self
             .cases
-            .accept(&case_id, operator)
+            .accept(&case_id, acceptance)
             .await
             .map_err(refuse)?;
         Ok(Response::new(proto::AcceptRegistrationResponse {
             case: Some(self.message(&case)),
         }))
+    }
+
+    async fn verify_target(
+        &self,
+        request: Request<proto::VerifyTargetRequest>,
+    ) -> Result<Response<proto::VerifyTargetResponse>, Status> {
+        let caller = Caller::of(request.extensions());
+        let answer = self.verify(&caller, request.into_inner()).await;
+        Ok(Response::new(answer.map_err(refuse)?))
+    }
+
+    async fn remove_touch(
+        &self,
+        request: Request<proto::RemoveTouchRequest>,
+    ) -> Result<Response<proto::RemoveTouchResponse>, Status> {
+        let caller = Caller::of(request.extensions());
+        let answer = self.take_back(&caller, request.into_inner()).await;
+        Ok(Response::new(answer.map_err(refuse)?))
     }
 
     type PlanCaseStream = Answers<proto::PlanCaseResponse>;
@@ -191,7 +214,7 @@ impl CaseService for CaseApi {
         let jaw = plans::check(&request, self.jaw).map_err(refuse)?;
         let case = self.cases.get(&request.case_id).await.map_err(refuse)?;
         case.accepted().map_err(refuse)?;
-        self.cases.cell().map_err(refuse)?;
+        self.cases.calibrated_cell().await.map_err(refuse)?;
         let this = self.clone();
         Ok(Response::new(streamed(move |answers| async move {
             let _permit = permit;
@@ -209,6 +232,7 @@ impl CaseService for CaseApi {
         Ok(Response::new(proto::RevisePlanResponse {
             case: Some(self.message(&case)),
             evaluation: Some(evaluation),
+            predicted_errors: self.predicted_errors(&case),
         }))
     }
 
@@ -260,6 +284,12 @@ impl CaseApi {
             case: Some(self.message(&case)),
             registration,
             plan: case.plan.as_ref().map(|plan| decoded(&plan.encoded)),
+            verification: case
+                .registration
+                .as_ref()
+                .and(self.cases.calibrations().cell())
+                .map(|_| self.verification_message(&case)),
+            predicted_errors: self.predicted_errors(&case),
         })
     }
 
@@ -355,6 +385,22 @@ fn who<T>(request: &Request<T>) -> Who {
         peer: peer.map_or_else(String::new, |peer| peer.to_string()),
         ..Who::from(&Caller::of(request.extensions()))
     }
+}
+
+fn acceptance_message(case: &Case) -> Option<proto::Acceptance> {
+    let (acceptance, registration) = (case.acceptance.as_ref()?, case.registration.as_ref()?);
+    let verdict = match registration.verdict {
+        Verdict::Accept => registration::Verdict::Accept,
+        Verdict::Review => registration::Verdict::Review,
+        Verdict::Reject => registration::Verdict::Reject,
+    };
+    Some(proto::Acceptance {
+        accepted_by: acceptance.by.clone(),
+        role: acceptance.role.to_string(),
+        accepted_at_ms: acceptance.at_ms,
+        verdict: verdict.into(),
+        reasons: registration.reasons.clone(),
+    })
 }
 
 fn stage_message(stage: Stage) -> proto::CaseState {

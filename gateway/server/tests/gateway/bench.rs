@@ -10,6 +10,7 @@ use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::audit_service_client::AuditServiceClient;
+use arthro_proto::gateway::v1::calibration_service_client::CalibrationServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use sqlx::{Connection as _, SqliteConnection};
@@ -24,6 +25,7 @@ use super::fakes::{PATIENCE, World};
 pub struct Bench {
     pub world: Arc<World>,
     pub cases: CaseServiceClient<Channel>,
+    pub calibrations: CalibrationServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
     pub audit: AuditServiceClient<Channel>,
     pub config: Config,
@@ -61,6 +63,7 @@ impl Bench {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
+            calibrations: CalibrationServiceClient::new(channel.clone()),
             procedures: ProcedureServiceClient::new(channel.clone()),
             audit: AuditServiceClient::new(channel),
             config,
@@ -83,6 +86,7 @@ impl Bench {
         let (runtime, channel) = gateway(self.config.clone()).await;
         self.runtime = Some(runtime);
         self.cases = CaseServiceClient::new(channel.clone());
+        self.calibrations = CalibrationServiceClient::new(channel.clone());
         self.procedures = ProcedureServiceClient::new(channel.clone());
         self.audit = AuditServiceClient::new(channel);
     }
@@ -127,9 +131,15 @@ impl Bench {
     }
 
     pub async fn accept(&mut self, case_id: &str) -> Result<proto::Case, Status> {
+        self.accept_as(case_id, "").await
+    }
+
+    /// The same by a surgeon, if one is named.
+    pub async fn accept_as(&mut self, case_id: &str, surgeon: &str) -> Result<proto::Case, Status> {
         let request = proto::AcceptRegistrationRequest {
             case_id: case_id.to_owned(),
             operator: "operator".to_owned(),
+            surgeon: surgeon.to_owned(),
         };
         let answer = self.cases.accept_registration(request).await?;
         Ok(answer.into_inner().case.unwrap())
@@ -377,6 +387,9 @@ pub fn calibration() -> Calibration {
             translation_mm: [450.0, -250.0, 350.0],
         },
         arthroscope_rest_mm: [550.0, 380.0, 350.0],
+        valid_until: None,
+        hand_eye_covariance: None,
+        tool_tip_covariance_mm2: None,
     }
 }
 

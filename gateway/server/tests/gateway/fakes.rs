@@ -4,7 +4,7 @@
 
 pub mod computing;
 mod instrument;
-mod motion;
+pub mod motion;
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -74,6 +74,9 @@ pub struct FakeArm {
     pub tip: Point3,
     pub portal: Option<Point3>,
     pub faulty: bool,
+    pub connected: bool,
+    /// How far the tip goes on between two readings, mm.
+    pub drift_mm: f64,
 }
 
 #[derive(Default)]
@@ -90,6 +93,8 @@ impl World {
             tip: Point3::new(x, -300.0, 400.0),
             portal: None,
             faulty: false,
+            connected: true,
+            drift_mm: 0.0,
         };
         Arc::new(Self {
             journal,

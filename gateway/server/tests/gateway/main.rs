@@ -8,6 +8,7 @@
 mod approval;
 mod audit;
 mod bench;
+mod calibrations;
 mod cases;
 mod crash;
 mod failover;
@@ -20,3 +21,4 @@ mod procedure;
 mod process;
 mod storage;
 mod watch;
+mod verification;

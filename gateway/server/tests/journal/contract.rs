@@ -1,12 +1,13 @@
 //! What the gateway relies on, whichever database it is.
 
+use arthro_gateway::calibrations::record::{Kind, Revocation};
 use arthro_gateway::journal::{Blob, Duty, JournalError};
-use arthro_gateway::procedure::steps::Kind;
+use arthro_gateway::procedure::steps::Kind as StepKind;
 use arthro_gateway::procedure::{Procedure, State};
 use bytes::Bytes;
 
 use crate::store::{Store, on_both};
-use crate::values::{case, done, filled, outcome, procedure, step};
+use crate::values::{calibration, case, done, filled, outcome, procedure, step};
 
 on_both! {
     what_was_written_is_read_after_it_was_opened_anew,
@@ -19,6 +20,45 @@ on_both! {
     whoever_opens_it_is_in_command_with_an_epoch_that_grows,
     whoever_gave_command_up_cannot_write,
     a_procedure_of_no_case_is_refused,
+    a_calibration_is_kept_put_in_force_and_revoked,
+}
+
+async fn a_calibration_is_kept_put_in_force_and_revoked(store: Store) {
+    let journal = store.open().await;
+    let (mut old, new) = (calibration("old", 1), calibration("new", 2));
+    for saved in [&old, &new] {
+        journal.create_calibration(saved).await.unwrap();
+    }
+    let in_force = async || journal.calibrations_in_force().await.unwrap();
+    assert!(in_force().await.is_empty());
+    for id in ["new", "old"] {
+        let kind = Kind::ToolTip;
+        journal
+            .put_in_force(kind, Some(id), "engineer", 3)
+            .await
+            .unwrap();
+    }
+    let revocation = Revocation {
+        by: "engineer".to_owned(),
+        at_ms: 4,
+        because: "bent".to_owned(),
+    };
+    journal
+        .revoke_calibration("old", &revocation)
+        .await
+        .unwrap();
+    old.revoked = Some(revocation);
+    assert_eq!(in_force().await, std::slice::from_ref(&old));
+    assert_eq!(journal.calibrations().await.unwrap(), [new.clone(), old]);
+    assert_eq!(journal.calibration("new").await.unwrap(), Some(new));
+    assert_eq!(journal.calibration("other").await.unwrap(), None);
+    let unknown = journal.put_in_force(Kind::ToolTip, Some("other"), "engineer", 5);
+    assert!(unknown.await.is_err());
+    journal
+        .put_in_force(Kind::ToolTip, None, "engineer", 6)
+        .await
+        .unwrap();
+    assert!(in_force().await.is_empty());
 }
 
 async fn what_was_written_is_read_after_it_was_opened_anew(store: Store) {
@@ -99,7 +139,7 @@ async fn a_step_is_written_before_and_after(store: Store) {
     journal.create_case(&case("c")).await.unwrap();
     let mut procedure = procedure("p", "c");
     journal.create_procedure(&procedure).await.unwrap();
-    let bite = step(1, Kind::Bite, Some(0));
+    let bite = step(1, StepKind::Bite, Some(0));
     journal.intend("p", &bite).await.unwrap();
     assert_eq!(
         journal.steps("p").await.unwrap(),
@@ -113,7 +153,7 @@ async fn a_step_is_written_before_and_after(store: Store) {
         .end_step(&procedure, &done(&bite), Some(&outcome(0)))
         .await
         .unwrap();
-    let retract = step(2, Kind::Retract, None);
+    let retract = step(2, StepKind::Retract, None);
     journal.intend("p", &retract).await.unwrap();
     assert_eq!(
         journal.steps("p").await.unwrap(),
@@ -133,7 +173,7 @@ async fn an_end_of_a_step_is_written_whole_or_not_at_all(store: Store) {
     journal.create_case(&case("c")).await.unwrap();
     let mut procedure = procedure("p", "c");
     journal.create_procedure(&procedure).await.unwrap();
-    let bite = step(1, Kind::Bite, Some(0));
+    let bite = step(1, StepKind::Bite, Some(0));
     journal.intend("p", &bite).await.unwrap();
     journal
         .end_step(&procedure, &done(&bite), Some(&outcome(0)))
@@ -160,11 +200,11 @@ async fn an_operation_id_is_used_once(store: Store) {
         .await
         .unwrap();
     journal
-        .intend("p", &step(1, Kind::Bite, Some(0)))
+        .intend("p", &step(1, StepKind::Bite, Some(0)))
         .await
         .unwrap();
-    let mut again = step(2, Kind::Bite, Some(0));
-    again.operation_id = step(1, Kind::Bite, Some(0)).operation_id;
+    let mut again = step(2, StepKind::Bite, Some(0));
+    again.operation_id = step(1, StepKind::Bite, Some(0)).operation_id;
     assert!(journal.intend("p", &again).await.is_err());
     assert_eq!(journal.steps("p").await.unwrap().len(), 1);
 }

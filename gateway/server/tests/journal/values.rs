@@ -1,10 +1,17 @@
 //! Cases, procedures and steps as the tests write them.
 
+use arthro_bootstrap::Role;
 use arthro_gateway::approval::{Approval, Digest, Signatory};
-use arthro_gateway::cases::case::{Case, ModelInfo, SceneInfo};
+use arthro_gateway::calibrations::record::Calibration;
+use arthro_gateway::cases::case::{Acceptance, Case, ModelInfo, SceneInfo};
 use arthro_gateway::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use arthro_gateway::procedure::{Procedure, State};
+use arthro_gateway::verification::{Touch, Verification};
+use arthro_gateway::wire;
 use arthro_geometry::Point3;
+use arthro_proto::common::v1 as common;
+use arthro_proto::registration::v1 as registration;
+use prost::Message as _;
 
 pub fn digest(first: char) -> Digest {
     Digest::parse(&first.to_string().repeat(64)).unwrap()
@@ -31,13 +38,52 @@ pub fn filled(id: &str) -> Case {
             point_count: u32::MAX,
             has_normals: true,
         }),
-        accepted_by: Some("operator".to_owned()),
+        acceptance: Some(Acceptance {
+            by: "Dr. Adams".to_owned(),
+            role: Role::Surgeon,
+            at_ms: 1_700_000_000_124,
+        }),
+        verification: Some(Verification {
+            basis: digest('d'),
+            touches: vec![Touch {
+                landmark: "notch".to_owned(),
+                point: Point3::new(0.1, -2.0, 1e-9),
+                expected: Point3::new(1.0 / 3.0, 0.0, 700.0),
+                tip: Point3::new(0.5, 0.25, 700.0),
+                operator: "operator".to_owned(),
+                touched_at_ms: 1_700_000_000_125,
+            }],
+        }),
         approval: Some(Approval {
             surgeon: signatory("Dr. Adams"),
             second: Some(signatory("Dr. Brown")),
             digest: digest('c'),
         }),
         ..case(id)
+    }
+}
+
+/// A tool tip that was measured in ten poses.
+pub fn calibration(id: &str, saved_at_ms: i64) -> Calibration {
+    let result = registration::SolveToolTipResponse {
+        tip: Some(common::Point {
+            x_mm: 0.1,
+            y_mm: -0.2,
+            z_mm: 450.0,
+        }),
+        tip_covariance_mm2: vec![0.01, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.03],
+        residuals: vec![registration::CalibrationResidual::default(); 10],
+        ..registration::SolveToolTipResponse::default()
+    };
+    Calibration {
+        id: id.to_owned(),
+        label: "forceps 3".to_owned(),
+        saved_by: "engineer".to_owned(),
+        saved_at_ms,
+        valid_until_ms: saved_at_ms + 1,
+        measured: wire::tool_tip(&result, "result").unwrap(),
+        encoded: result.encode_to_vec().into(),
+        revoked: None,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use arthro_geometry::Point3;
 use arthro_geometry::frame::Frame;
 use arthro_proto::common::v1::{Point, Quaternion, Similarity};
 use arthro_proto::registration::v1 as api;
@@ -92,6 +93,8 @@ pub(super) fn result(registration: &Registration, elapsed: Duration) -> api::Reg
             .iter()
             .copied()
             .collect(),
+        covariance_about: Some(point(&registration.covariance_about)),
+        scale_about: Some(point(&registration.scale_about)),
     };
     api::RegisterResponse {
         event: Some(api::register_response::Event::Result(result)),
@@ -108,10 +111,14 @@ fn similarity<A: Frame, B: Frame>(pose: &arthro_geometry::Similarity<A, B>) -> S
             y: rotation.j,
             z: rotation.k,
         }),
-        translation: Some(Point {
-            x_mm: pose.translation_mm.x,
-            y_mm: pose.translation_mm.y,
-            z_mm: pose.translation_mm.z,
-        }),
+        translation: Some(point(&Point3::from(pose.translation_mm))),
+    }
+}
+
+fn point(point: &Point3) -> Point {
+    Point {
+        x_mm: point.x,
+        y_mm: point.y,
+        z_mm: point.z,
     }
 }

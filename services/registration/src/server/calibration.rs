@@ -1,6 +1,6 @@
 //! Calibrations over gRPC: messages to poses, the work off the async runtime, answers to messages.
 
-mod answer;
+pub mod answer;
 mod request;
 
 use arthro_proto::registration::v1 as api;

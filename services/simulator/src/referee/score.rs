@@ -1,7 +1,7 @@
 //! Compares a claimed registration with the truth.
 
-use arthro_geometry::frame::{Camera, Ct};
-use arthro_geometry::{Point3, Rigid, Similarity, Vector3};
+use arthro_geometry::frame::{Camera, Ct, ForcepsBase};
+use arthro_geometry::{Point3, Rigid, Rotation, Similarity, Vector3};
 
 use crate::scenario::Scenario;
 
@@ -22,7 +22,27 @@ pub struct Score {
     pub scale_error: f64,
 }
 
+/// What a system believes of the way of its forceps' tip.
+#[derive(Clone, Copy, Debug)]
+pub struct Believed {
+    /// Where ct lies.
+    pub base_from_ct: Similarity<ForcepsBase, Ct>,
+    /// The tip in the flange.
+    pub tip_in_flange: Point3,
+    /// How the flange is turned while the tip is there.
+    pub base_from_flange: Rotation,
+}
+
 impl Scenario {
+    /// From a place of the model to where the true tip is when the arm brings the believed tip to the believed place, mm,
+    /// axes of the forceps arm's base.
+    pub fn miss(&self, place: &Point3, believed: &Believed) -> Vector3 {
+        let mounted = &self.truth.mounted;
+        let tip_off = mounted.flange_from_tools[0].origin() - believed.tip_in_flange;
+        let tip = believed.base_from_ct * *place + believed.base_from_flange * tip_off;
+        tip - self.truth.forceps_base_from_ct * *place
+    }
+
     /// Where the model really is in the camera's frame.
     pub(crate) fn camera_from_ct(&self) -> Rigid<Camera, Ct> {
         self.truth.mounted.forceps_base_from_camera.inverse() * self.truth.forceps_base_from_ct

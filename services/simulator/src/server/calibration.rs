@@ -18,7 +18,6 @@ use super::UNIT_TOLERANCE;
 use crate::cell::Cell;
 use crate::clock::lock;
 use crate::scenario::Scenario;
-use crate::{calibration_board, divot};
 
 /// What stands on the bench.
 #[derive(Clone, Debug)]
@@ -43,15 +42,11 @@ impl BenchApi {
         &self,
         request: CaptureBoardRequest,
     ) -> Result<Response<CaptureBoardResponse>, Status> {
-        let mounted = &self.scenario.truth.mounted;
-        let camera_from_board =
-            mounted.forceps_base_from_camera.inverse() * self.flange() * mounted.flange_from_board;
         let spec = &self.scenario.spec;
-        let corners =
-            calibration_board::find(&camera_from_board, &spec.camera, spec.seed, request.seed)
-                .map_err(|not_in_view| {
-                    status::refused("BOARD_NOT_IN_VIEW", not_in_view.to_string(), &[])
-                })?;
+        let corners = self.scenario.board_corners(&self.flange(), request.seed);
+        let corners = corners.map_err(|not_in_view| {
+            status::refused("BOARD_NOT_IN_VIEW", not_in_view.to_string(), &[])
+        })?;
         let [cx_px, cy_px] = spec.camera.principal_point_px();
         let corners = corners.into_iter().map(|corner| BoardCorner {
             x_mm: corner.on_board_mm[0],
@@ -75,10 +70,9 @@ impl BenchService for BenchApi {
         &self,
         request: Request<ReadDivotRequest>,
     ) -> Result<Response<ReadDivotResponse>, Status> {
-        let mounted = &self.scenario.truth.mounted;
-        let tip = self.flange() * mounted.flange_from_tools[0].origin();
-        let (case_seed, seed) = (self.scenario.spec.seed, request.into_inner().seed);
-        let read = divot::read(&tip, &mounted.divot, case_seed, seed).map_err(|empty| {
+        let seed = request.into_inner().seed;
+        let reading = self.scenario.divot_reading(&self.flange(), seed);
+        let read = reading.map_err(|empty| {
             status::refused(
                 "DIVOT_EMPTY",
                 empty.to_string(),

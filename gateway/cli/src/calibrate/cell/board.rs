@@ -103,7 +103,7 @@ fn reached<T>(outcome: Result<T, Failure>) -> Result<Option<T>, Failure> {
 
 /// The board somewhere in view, held to the side that is away from the other arm, with the shaft pointing there too: so
 /// neither meets the knee or the arthroscope.
-fn view(drawn: &SystemView, rng: &mut ChaCha8Rng) -> Rigid<Camera, Board> {
+pub fn view(drawn: &SystemView, rng: &mut ChaCha8Rng) -> Rigid<Camera, Board> {
     let away = away_from_the_other_arm(drawn);
     let across = Vector3::z().cross(&away);
     let middle = away * rng.random_range(AWAY_MM)

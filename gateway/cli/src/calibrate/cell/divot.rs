@@ -16,7 +16,7 @@ use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
 /// Poses about the divot.
-const POSES: u32 = 16;
+pub const POSES: u32 = 16;
 /// The shaft leans up to this far from straight down, degrees.
 const LEAN_DEG: f64 = 22.0;
 /// And is turned about itself up to this far each way, degrees.
@@ -101,7 +101,7 @@ async fn seated(
 }
 
 /// The tool straight down, leaning evenly to all sides, its flange turned about the shaft in between.
-fn leaning(pose: u32) -> Rotation {
+pub fn leaning(pose: u32) -> Rotation {
     let down = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[
         -Vector3::z(),
         Vector3::y(),

@@ -10,7 +10,8 @@ use crate::journal::{Blob, JournalError};
 const COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
      plan_jaw_length_mm, plan_jaw_throat_mm, approved_by, approved_digest, \
-     approved_role, approved_at_ms, countersigned_by, countersigned_role, countersigned_at_ms";
+     approved_role, approved_at_ms, countersigned_by, countersigned_role, countersigned_at_ms, \
+     accepted_as, accepted_at_ms, verification_basis, touches";
 
 /// Writes a new case.
 pub async fn create(
@@ -41,12 +42,15 @@ pub async fn save(
     let plan = case.plan.as_ref();
     let approval = case.approval.as_ref();
     let second = approval.and_then(|approval| approval.second.as_ref());
+    let acceptance = case.acceptance.as_ref();
+    let verification = case.verification.as_ref();
     sqlx::query(
         "UPDATE cases SET revision = $1, model_digest = $2, lesion_spacing_mm = $3, scene_digest = $4, \
          scene_point_count = $5, scene_has_normals = $6, registration = $7, accepted_by = $8, plan = $9, \
          plan_jaw_width_mm = $10, plan_jaw_length_mm = $11, plan_jaw_throat_mm = $12, approved_by = $13, \
          approved_digest = $14, approved_role = $15, approved_at_ms = $16, countersigned_by = $17, \
-         countersigned_role = $18, countersigned_at_ms = $19 WHERE case_id = $20",
+         countersigned_role = $18, countersigned_at_ms = $19, accepted_as = $20, accepted_at_ms = $21, \
+         verification_basis = $22, touches = $23 WHERE case_id = $24",
     )
     .bind(rows::integer(case.revision))
     .bind(model.map(|model| model.digest.to_string()))
@@ -55,7 +59,7 @@ pub async fn save(
     .bind(scene.map(|scene| i64::from(scene.point_count)))
     .bind(scene.map(|scene| i64::from(scene.has_normals)))
     .bind(registration.map(|registration| registration.encoded.as_ref()))
-    .bind(case.accepted_by.as_deref())
+    .bind(acceptance.map(|acceptance| acceptance.by.as_str()))
     .bind(plan.map(|plan| plan.encoded.as_ref()))
     .bind(plan.map(|plan| plan.jaw.width_mm))
     .bind(plan.map(|plan| plan.jaw.length_mm))
@@ -67,6 +71,10 @@ pub async fn save(
     .bind(second.map(|second| second.name.as_str()))
     .bind(second.map(|second| second.role.as_str()))
     .bind(second.map(|second| second.at_ms))
+    .bind(acceptance.map(|acceptance| acceptance.role.as_str()))
+    .bind(acceptance.map(|acceptance| acceptance.at_ms))
+    .bind(verification.map(|verification| verification.basis.to_string()))
+    .bind(verification.map(|verification| rows::packed_touches(&verification.touches)))
     .bind(&case.id)
     .execute(&mut **transaction)
     .await?;

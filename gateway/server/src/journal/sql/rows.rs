@@ -1,20 +1,27 @@
 //! Rows as the domain's types. A value that this gateway never writes is damage, named by table,
 //! column and key.
 
+use arthro_bootstrap::Role;
 use arthro_geometry::Point3;
+use arthro_proto::gateway::v1 as gateway;
 use arthro_proto::planning::v1::ResectionPlan;
-use arthro_proto::registration::v1::RegistrationResult;
+use arthro_proto::registration::v1::{
+    RegistrationResult, SolveHandEyeResponse, SolveToolTipResponse,
+};
 use bytes::Bytes;
 use prost::Message as _;
 use sqlx::Row as _;
 use sqlx::any::AnyRow;
 
 use crate::approval::{Approval, Digest, Signatory};
-use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
+use crate::calibrations::record::{Calibration, Kind as CalibrationKind, Revocation};
+use crate::cases::case::{Acceptance, Case, ModelInfo, Plan, Registration, SceneInfo};
 use crate::config::Jaw;
+use crate::error::Violation;
 use crate::journal::JournalError;
 use crate::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use crate::procedure::{Procedure, State};
+use crate::verification::{Touch, Verification};
 use crate::wire;
 
 /// The databases' integers are signed.
@@ -65,6 +72,27 @@ pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
             digest: key.parsed("approved_digest", &digest, Digest::parse)?,
         }),
     };
+    let acceptance = match row.try_get::<Option<String>, _>("accepted_by")? {
+        None => None,
+        Some(by) => Some(Acceptance {
+            by,
+            // Whoever accepted before roles were kept did so as an operator.
+            role: match row.try_get::<Option<String>, _>("accepted_as")? {
+                None => Role::Operator,
+                Some(role) => key.parsed("accepted_as", &role, Role::parse)?,
+            },
+            at_ms: row
+                .try_get::<Option<i64>, _>("accepted_at_ms")?
+                .unwrap_or_default(),
+        }),
+    };
+    let verification = match row.try_get::<Option<String>, _>("verification_basis")? {
+        None => None,
+        Some(basis) => Some(Verification {
+            basis: key.parsed("verification_basis", &basis, Digest::parse)?,
+            touches: touches(&key, &row.try_get::<Vec<u8>, _>("touches")?)?,
+        }),
+    };
     Ok(Case {
         id: key.id,
         label: row.try_get("label")?,
@@ -73,7 +101,8 @@ pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
         model,
         scene,
         registration,
-        accepted_by: row.try_get("accepted_by")?,
+        acceptance,
+        verification,
         plan,
         approval,
     })
@@ -123,6 +152,61 @@ fn plan(key: &Key, row: &AnyRow, encoded: &[u8]) -> Result<Plan, JournalError> {
     Ok(Plan {
         encoded: Bytes::copy_from_slice(encoded),
         ..plan
+    })
+}
+
+/// Touches as they are stored: the contract's message.
+pub fn packed_touches(touches: &[Touch]) -> Vec<u8> {
+    let message = gateway::Verification {
+        touches: touches.iter().map(wire::touch_message).collect(),
+        ..gateway::Verification::default()
+    };
+    message.encode_to_vec()
+}
+
+fn touches(key: &Key, encoded: &[u8]) -> Result<Vec<Touch>, JournalError> {
+    let message = gateway::Verification::decode(encoded)
+        .map_err(|error| key.damaged("touches", error.to_string()))?;
+    let touches = message.touches.into_iter();
+    touches
+        .map(|touch| wire::touch(touch).map_err(|violation| key.violated("touches", &violation)))
+        .collect()
+}
+
+/// A row of `calibrations`.
+pub fn calibration(row: &AnyRow) -> Result<Calibration, JournalError> {
+    let key = Key::new("calibrations", row.try_get("calibration_id")?);
+    let kind: String = row.try_get("kind")?;
+    let encoded: Vec<u8> = row.try_get("result")?;
+    let undecodable = |error: prost::DecodeError| key.damaged("result", error.to_string());
+    let measured = match key.parsed("kind", &kind, CalibrationKind::parse)? {
+        CalibrationKind::HandEye => {
+            let result = SolveHandEyeResponse::decode(encoded.as_slice()).map_err(undecodable)?;
+            wire::hand_eye(&result, "result")
+        }
+        CalibrationKind::ToolTip => {
+            let result = SolveToolTipResponse::decode(encoded.as_slice()).map_err(undecodable)?;
+            wire::tool_tip(&result, "result")
+        }
+    }
+    .map_err(|violation| key.violated("result", &violation))?;
+    let revoked = match row.try_get::<Option<String>, _>("revoked_by")? {
+        None => None,
+        Some(by) => Some(Revocation {
+            by,
+            at_ms: row.try_get("revoked_at_ms")?,
+            because: row.try_get("revoked_because")?,
+        }),
+    };
+    Ok(Calibration {
+        label: row.try_get("label")?,
+        saved_by: row.try_get("saved_by")?,
+        saved_at_ms: row.try_get("saved_at_ms")?,
+        valid_until_ms: row.try_get("valid_until_ms")?,
+        measured,
+        encoded: encoded.into(),
+        revoked,
+        id: key.id,
     })
 }
 
@@ -200,6 +284,13 @@ impl Key {
         parse: fn(&str) -> Option<T>,
     ) -> Result<T, JournalError> {
         parse(text).ok_or_else(|| self.damaged(column, text.to_owned()))
+    }
+
+    fn violated(&self, column: &'static str, violation: &Violation) -> JournalError {
+        self.damaged(
+            column,
+            format!("{} {}", violation.field, violation.description),
+        )
     }
 
     /// A count or index.

@@ -131,7 +131,7 @@ impl Procedures {
                     .await?,
             ),
         };
-        let cell = self.0.cases.cell()?.clone();
+        let cell = self.0.cases.cell()?;
         let views = match &approved {
             Some(approved) => {
                 Poses::of(&approved.plan, &approved.registration, &approved.cell)?.view_moves()

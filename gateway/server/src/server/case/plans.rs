@@ -113,8 +113,8 @@ impl CaseApi {
         answers: &mpsc::Sender<Result<proto::PlanCaseResponse, Status>>,
     ) -> DomainResult<()> {
         use planning::plan_resection_response::Event;
-        let cell = self.cases.cell()?;
-        let portals = Portals::of(&case, cell)?;
+        let cell = self.cases.calibrated_cell().await?;
+        let portals = Portals::of(&case, &cell)?;
         let joint = cell
             .joint_opening_mm
             .map(|opening_mm| planning::JointOptions {
@@ -130,11 +130,16 @@ impl CaseApi {
         let renamed = |failure: crate::clients::Failure| failure.without_prefix(PLANNING_PREFIX);
         let mut events = planning.plan(options, model).await.map_err(renamed)?;
         while let Some(event) = events.next().await.map_err(renamed)? {
+            let mut predicted_errors = None;
             if let Some(Event::Plan(message)) = &event.event {
                 let plan = wire::plan(message, jaw)?;
-                self.cases.keep_plan(&case.id, case.revision, plan).await?;
+                let planned = self.cases.keep_plan(&case.id, case.revision, plan).await?;
+                predicted_errors = self.predicted_errors(&planned);
             }
-            let answer = proto::PlanCaseResponse { event: Some(event) };
+            let answer = proto::PlanCaseResponse {
+                event: Some(event),
+                predicted_errors,
+            };
             if answers.send(Ok(answer)).await.is_err() {
                 return Ok(());
             }
@@ -158,7 +163,7 @@ impl CaseApi {
         let bites = wire::bites(&request.bites)?;
         let case = self.cases.get(&case_id).await?;
         let plan = case.plan.as_ref().ok_or(Error::NotPlanned)?;
-        let portals = Portals::of(&case, self.cases.cell()?)?;
+        let portals = Portals::of(&case, &*self.cases.calibrated_cell().await?)?;
         check_approaches(&bites, &portals.forceps)?;
 
         let planned = decoded::<planning::ResectionPlan>(&plan.encoded);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use arthro_bootstrap::status;
 use arthro_gateway::procedure::poses::upright;
-use arthro_geometry::{Point3, Vector3};
+use arthro_geometry::{Point3, Rotation, Vector3};
 use arthro_proto::common::v1::{self as common, OperationState};
 use arthro_proto::motion::v1::motion_service_server::MotionService;
 use arthro_proto::motion::v1::*;
@@ -17,6 +17,9 @@ use tonic::{Request, Response, Status};
 use super::{FakeArm, World, operation};
 
 pub struct FakeMotion(pub Arc<World>);
+
+/// Where the tip is in the flange of both arms, mm.
+pub const TIP_IN_FLANGE: Point3 = Point3::new(0.0, 0.0, 450.0);
 
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
@@ -45,6 +48,7 @@ impl FakeArm {
             inside: self.inside(),
             depth_mm: self.depth_mm().unwrap_or_default(),
             fault_reason: if self.faulty { "PROTECTIVE_STOP" } else { "" }.to_owned(),
+            connected: self.connected,
             ..ArmState::default()
         }
     }
@@ -58,11 +62,10 @@ impl FakeArm {
                 }
                 let pose = free.base_from_tool.unwrap();
                 let rotation = pose.rotation.unwrap();
-                self.rotation = arthro_geometry::Rotation::from_quaternion(
-                    arthro_geometry::nalgebra::Quaternion::new(
+                self.rotation =
+                    Rotation::from_quaternion(arthro_geometry::nalgebra::Quaternion::new(
                         rotation.w, rotation.x, rotation.y, rotation.z,
-                    ),
-                );
+                    ));
                 self.tip = point(pose.translation);
             }
             Motion::Pivot(pivot) => {
@@ -134,6 +137,10 @@ impl MotionService for FakeMotion {
                 .portal
                 .as_ref()
                 .map(arthro_gateway::wire::point_message),
+            flange_from_tool: Some(arthro_gateway::wire::pose_message(
+                &Rotation::identity(),
+                &TIP_IN_FLANGE,
+            )),
             ..ArmDescription::default()
         };
         Ok(Response::new(GetCellResponse {
@@ -148,17 +155,23 @@ impl MotionService for FakeMotion {
     type WatchStateStream = Answers<WatchStateResponse>;
     async fn watch_state(
         &self,
-        _: Request<WatchStateRequest>,
+        request: Request<WatchStateRequest>,
     ) -> Result<Response<Self::WatchStateStream>, Status> {
-        let arms = *self.0.arms.lock().unwrap();
-        let time_s = self.time_s();
-        let state = WatchStateResponse {
-            arms: vec![
-                arms[0].state(common::Arm::Forceps, time_s),
-                arms[1].state(common::Arm::Arthroscope, time_s),
-            ],
-        };
-        Ok(Response::new(Box::pin(tokio_stream::once(Ok(state)))))
+        let period_s = request.into_inner().period_s;
+        let mut arms = *self.0.arms.lock().unwrap();
+        let began_s = self.time_s();
+        let states = (0..20).map(move |reading| {
+            let time_s = began_s + period_s * f64::from(reading);
+            let states = [common::Arm::Forceps, common::Arm::Arthroscope]
+                .map(|arm| arms[index(arm)].state(arm, time_s));
+            for arm in &mut arms {
+                arm.tip.z += arm.drift_mm;
+            }
+            Ok(WatchStateResponse {
+                arms: states.to_vec(),
+            })
+        });
+        Ok(Response::new(Box::pin(tokio_stream::iter(states))))
     }
 
     async fn acquire_lease(

@@ -11,7 +11,8 @@ use crate::calibration::noise::PoseNoise;
 use crate::calibration::span::Span;
 use crate::calibration::tool::{Calibrated, Shaft};
 
-pub(super) fn hand_eye<M: Frame, C: Frame>(found: &HandEye<M, C>) -> api::SolveHandEyeResponse {
+/// A hand-eye calibration.
+pub fn hand_eye<M: Frame, C: Frame>(found: &HandEye<M, C>) -> api::SolveHandEyeResponse {
     let residuals = found
         .residuals
         .iter()
@@ -40,7 +41,8 @@ pub(super) fn hand_eye<M: Frame, C: Frame>(found: &HandEye<M, C>) -> api::SolveH
     }
 }
 
-pub(super) fn tool(found: &Calibrated) -> api::SolveToolTipResponse {
+/// The calibration of a tool.
+pub fn tool(found: &Calibrated) -> api::SolveToolTipResponse {
     let tip = &found.tip;
     let residuals = tip
         .residuals
