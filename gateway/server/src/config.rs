@@ -8,10 +8,10 @@ use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use nalgebra::{Matrix3, Matrix6, Quaternion, SMatrix};
 use serde::{Deserialize, Serialize};
 
+use crate::approval;
 use crate::approval::Policy;
 use crate::audit;
 use crate::audit::key::{KeyError, PublicKey, SigningKey};
-use crate::approval;
 use crate::calendar::end_of_day_ms;
 use crate::calibrations::record::{InForce, Kind, Standing};
 use crate::journal::Place;
@@ -92,6 +92,8 @@ pub struct AuditConfig {
     pub trusted: Vec<PathBuf>,
     /// How often the heads are put on the disk at the latest, s; with a decision, an approval or an end it is done at once.
     pub heads_sync_s: f64,
+}
+
 /// Section `gateway.verification`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -10,13 +10,13 @@
 use std::net::SocketAddr;
 use std::pin::{Pin, pin};
 use std::sync::Arc;
-use std::task::{Context, Poll, ready};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 use http::{HeaderMap, Request, Response};
 use http_body::Frame;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::time::{Instant, Sleep};
+use tokio::time::Instant;
 use tonic::body::Body;
 use tonic::transport::server::TcpConnectInfo;
 use tonic::{Code, Extensions, Status};
@@ -29,6 +29,7 @@ use crate::status;
 mod ending;
 mod turns;
 
+pub(crate) use ending::EndingBody;
 use turns::{Turn, Turns};
 
 /// When the caller stops waiting; found in the request's extensions.

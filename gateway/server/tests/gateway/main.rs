@@ -20,5 +20,5 @@ mod postgres;
 mod procedure;
 mod process;
 mod storage;
-mod watch;
 mod verification;
+mod watch;
