@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 mod can;
 mod local;
 mod planning;
+mod recording;
 mod robot;
 
 pub use can::{
@@ -20,6 +21,7 @@ pub use local::{
     Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
+pub use recording::{Record, Replay};
 pub use robot::{
     ArmName, AxisName, Controller, Dashboard, Jog, Portal, Robot, RobotCommand, RobotState, Taught,
 };
@@ -82,6 +84,11 @@ pub enum Command {
     Abort(ProcedureId),
     /// Decides what happens to an interrupted procedure.
     Recover(Recover),
+    /// Looks at recordings of procedures.
+    #[command(subcommand)]
+    Record(Record),
+    /// Shows recordings again as a gateway that can only be watched.
+    Replay(Replay),
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),

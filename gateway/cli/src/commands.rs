@@ -23,7 +23,7 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, register, robot, scene,
+    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, record, register, robot, scene,
 };
 
 /// Runs one command to its end.
@@ -34,7 +34,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Up(up) => Box::pin(cell::up(&up, output)).await,
         Command::Calibrate(calibrate) => Box::pin(calibrate::run(calibrate, output)).await,
         // Started before any runtime exists; see `main`.
-        Command::Serve(_) => Ok(()),
+        Command::Serve(_) | Command::Replay(_) => Ok(()),
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Plan(arguments) => plan::run(*arguments, output).await,
@@ -42,6 +42,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Bench(Bench::Registration(bench)) => bench::run(bench, output).await,
         Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
+        Command::Record(record) => record::run(record, output),
         Command::Can(arguments) => Box::pin(can::run(arguments, output)).await,
         Command::Robot(arguments) => Box::pin(robot::run(arguments, output)).await,
         Command::Run(run) => {

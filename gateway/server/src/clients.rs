@@ -1,12 +1,15 @@
-//! The four services that the gateway calls, and what it makes of their refusals.
+//! The four services that the gateway calls, and what it makes of their refusals. Registration and planning may have
+//! several replicas ([`replicas`]); motion and instrument are one a cell.
 //!
 //! A refusal of a service goes on to the gateway's client as it came, code and details included. A
 //! service that cannot be reached is UNAVAILABLE with the reason `<SERVICE>_UNAVAILABLE`.
 
+pub mod channel;
 pub mod instrument;
 pub mod motion;
 pub mod planning;
 pub mod registration;
+pub mod replicas;
 
 use std::error::Error as _;
 use std::time::Duration;
@@ -14,9 +17,11 @@ use std::time::Duration;
 use arthro_bootstrap::status;
 use arthro_proto::common::v1 as common;
 use bytes::Bytes;
-use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Response, Status, Streaming};
 
+use crate::clients::channel::Connector;
+use crate::clients::replicas::Replicas;
+use crate::clients::replicas::addresses::Where;
 use crate::words::words;
 
 pub use instrument::Instrument;
@@ -86,16 +91,18 @@ pub struct Failure {
 impl Clients {
     /// Clients that connect when first used. Must be called within a Tokio runtime.
     pub fn new(
-        registration: &str,
-        planning: &str,
+        connector: &Connector,
+        registration: Where,
+        planning: Where,
         motion: &str,
         instrument: &str,
     ) -> Result<Self, tonic::transport::Error> {
+        let replicas = |peer, place| Replicas::new(peer, place, connector.clone());
         Ok(Self {
-            registration: Registration::new(channel(registration)?),
-            planning: Planning::new(channel(planning)?),
-            motion: Motion::new(channel(motion)?),
-            instrument: Instrument::new(channel(instrument)?),
+            registration: Registration::new(replicas(Peer::Registration, registration)?),
+            planning: Planning::new(replicas(Peer::Planning, planning)?),
+            motion: Motion::new(connector.channel(motion)?),
+            instrument: Instrument::new(connector.channel(instrument)?),
         })
     }
 
@@ -104,20 +111,6 @@ impl Clients {
         let (arms, drives) = tokio::join!(self.motion.stop(reason), self.instrument.stop(reason));
         arms.and(drives)
     }
-}
-
-fn channel(address: &str) -> Result<Channel, tonic::transport::Error> {
-    let uri = if address.contains("://") {
-        address.to_owned()
-    } else {
-        format!("http://{address}")
-    };
-    Ok(Endpoint::from_shared(uri)?
-        .connect_timeout(SHORT_DEADLINE)
-        .http2_keep_alive_interval(KEEP_ALIVE)
-        .keep_alive_timeout(KEEP_ALIVE)
-        .tcp_nodelay(true)
-        .connect_lazy())
 }
 
 // === impl Failure ===
@@ -236,6 +229,11 @@ impl Failure {
     /// Whether the service could not be reached, so that asking again may help.
     pub fn is_unavailable(&self) -> bool {
         self.status.code() == Code::Unavailable
+    }
+
+    /// Whether the service has no room for the call, so that another replica may have.
+    pub fn is_exhausted(&self) -> bool {
+        self.status.code() == Code::ResourceExhausted
     }
 
     /// The stable word.

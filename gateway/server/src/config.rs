@@ -7,6 +7,9 @@ use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use nalgebra::Quaternion;
 use serde::{Deserialize, Serialize};
 
+use crate::clients::replicas::addresses::{Addresses, Where};
+use crate::recording::Settings;
+
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
@@ -16,14 +19,22 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 pub struct Config {
     /// The SQLite file of cases, procedures and steps; created when absent.
     pub journal: PathBuf,
-    /// Address of the registration service, host:port.
-    pub registration: String,
-    /// Address of the planning service, host:port.
-    pub planning: String,
+    /// Address of the registration service, host:port; a list of its replicas; or `dns:///name:port`, whose every address
+    /// is one.
+    pub registration: Addresses,
+    /// The planning service, likewise.
+    pub planning: Addresses,
     /// Address of the motion service, host:port.
     pub motion: String,
     /// Address of the instrument service, host:port.
     pub instrument: String,
+    /// The folder where every procedure is recorded (MCAP). Without it nothing is recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recordings: Option<PathBuf>,
+    /// A recording that reaches this size goes on in another file, MiB.
+    pub recording_file_max_mib: u64,
+    /// Nothing is recorded while the folder holds as much, MiB. Nothing is ever deleted.
+    pub recordings_max_mib: u64,
     /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
     /// How far the joint is opened, mm: the gap between the top of the meniscus and the condyle. Plans then keep the
@@ -113,10 +124,13 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             journal: PathBuf::from("arthro-gateway.sqlite"),
-            registration: "127.0.0.1:50051".to_owned(),
-            planning: "127.0.0.1:50052".to_owned(),
+            registration: "127.0.0.1:50051".to_owned().into(),
+            planning: "127.0.0.1:50052".to_owned().into(),
             motion: "127.0.0.1:50053".to_owned(),
             instrument: "127.0.0.1:50054".to_owned(),
+            recordings: None,
+            recording_file_max_mib: 256,
+            recordings_max_mib: 20 * 1024,
             view_distance_mm: 20.0,
             joint_opening_mm: None,
             jaw: Jaw::default(),
@@ -126,6 +140,41 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Checks where registration and planning are.
+    pub fn replicas(&self) -> Result<(Where, Where), ConfigError> {
+        let checked = |field, addresses: &Addresses| {
+            addresses
+                .checked()
+                .map_err(|problem| ConfigError { field, problem })
+        };
+        Ok((
+            checked("registration", &self.registration)?,
+            checked("planning", &self.planning)?,
+        ))
+    }
+
+    /// Checks where recordings go; `None` when nothing is recorded.
+    pub fn recordings(&self) -> Result<Option<Settings>, ConfigError> {
+        let mib = |field, value: u64, most: u64| match (1..=most).contains(&value) {
+            true => Ok(value * 1024 * 1024),
+            false => Err(ConfigError {
+                field,
+                problem: format!("is {value}; must be within 1 .. {most}"),
+            }),
+        };
+        let segment_max_bytes = mib(
+            "recording_file_max_mib",
+            self.recording_file_max_mib,
+            65_536,
+        )?;
+        let folder_max_bytes = mib("recordings_max_mib", self.recordings_max_mib, 1 << 30)?;
+        Ok(self.recordings.clone().map(|folder| Settings {
+            folder,
+            segment_max_bytes,
+            folder_max_bytes,
+        }))
+    }
+
     /// Checks jaw and calibration; `None` when the cell is not calibrated.
     pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
         within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
@@ -245,6 +294,17 @@ mod tests {
             forceps_base_from_tool_at_tray: pose,
             arthroscope_rest_mm: [0.0; 3],
         }
+    }
+
+    #[test]
+    fn a_list_that_names_a_replica_twice_is_refused() {
+        let twice = vec!["127.0.0.1:1".to_owned(), "127.0.0.1:1".to_owned()];
+        let config = Config {
+            planning: Addresses::List(twice),
+            ..Config::default()
+        };
+        let refusal = config.replicas().unwrap_err().to_string();
+        assert_eq!(refusal, "gateway.planning lists \"127.0.0.1:1\" twice");
     }
 
     fn problem(config: &Config) -> String {

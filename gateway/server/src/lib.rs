@@ -13,6 +13,8 @@ pub mod config;
 pub mod error;
 pub mod journal;
 pub mod procedure;
+pub mod recording;
+pub mod replay;
 pub mod server;
 mod wall_clock;
 pub mod wire;
@@ -27,8 +29,10 @@ pub use crate::config::Config;
 
 use crate::cases::Cases;
 use crate::clients::Clients;
+use crate::clients::channel::Connector;
 use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
+use crate::recording::Recorder;
 
 /// The gateway as a server of the house.
 #[derive(Debug)]
@@ -44,20 +48,42 @@ impl Service for Server {
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
+        let (registration, planning) = config.replicas()?;
         let clients = Clients::new(
-            &config.registration,
-            &config.planning,
+            &Connector,
+            registration,
+            planning,
             &config.motion,
             &config.instrument,
         )?;
         let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
+        let recorder = match config.recordings()? {
+            Some(settings) => Some(Recorder::start(
+                settings,
+                clients.clone(),
+                journal.clone(),
+                cell.clone(),
+            )?),
+            None => None,
+        };
         let cases = Cases::new(journal.clone(), cell);
         let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
-        let leaving = procedures.clone();
+        if let Some(recorder) = &recorder {
+            procedures.recorded_by(recorder.clone());
+        }
+        let (leaving, recording) = (procedures.clone(), recorder.clone());
+        // The server does not end before what is under way is interrupted and its recording ended.
+        let hold = drain.hold();
         tokio::spawn(async move {
             drain.started().await;
             leaving.leave().await;
+            if let Some(recorder) = recording {
+                recorder.finish().await;
+            }
+            drop(hold);
         });
-        Ok(server::routes(cases, procedures, clients, config.jaw))
+        Ok(server::routes(
+            cases, procedures, clients, config.jaw, recorder,
+        ))
     }
 }

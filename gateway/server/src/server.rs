@@ -1,12 +1,14 @@
-//! gRPC in and out: the two services of the gateway and what they share.
+//! gRPC in and out: the services of the gateway and what they share.
 
 mod case;
-mod procedure;
+pub(crate) mod procedure;
+mod recording;
 
 use std::pin::Pin;
 
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureServiceServer;
+use arthro_proto::gateway::v1::recording_service_server::RecordingServiceServer;
 use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{Code, Status};
@@ -16,17 +18,27 @@ use crate::clients::Clients;
 use crate::config::Jaw;
 use crate::error::{Error, Result, Violation};
 use crate::procedure::control::Procedures;
+use crate::recording::Recorder;
 
 /// A stream of answers.
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// Both services.
-pub fn routes(cases: Cases, procedures: Procedures, clients: Clients, jaw: Jaw) -> Routes {
+/// All services.
+pub fn routes(
+    cases: Cases,
+    procedures: Procedures,
+    clients: Clients,
+    jaw: Jaw,
+    recorder: Option<Recorder>,
+) -> Routes {
     Routes::new(CaseServiceServer::new(case::CaseApi::new(
         cases, clients, jaw,
     )))
     .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
         procedures,
+    )))
+    .add_service(RecordingServiceServer::new(recording::RecordingApi::new(
+        recorder,
     )))
 }
 

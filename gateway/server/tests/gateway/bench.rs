@@ -23,6 +23,7 @@ pub struct Bench {
     pub world: Arc<World>,
     pub cases: CaseServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
+    pub channel: Channel,
     config: Config,
     runtime: Option<Runtime>,
     _folder: TempDir,
@@ -39,8 +40,8 @@ impl Bench {
         let world = World::new(journal.clone());
         let address = world.serve().await;
         let mut config = Config {
-            registration: address.clone(),
-            planning: address.clone(),
+            registration: address.clone().into(),
+            planning: address.clone().into(),
             motion: address.clone(),
             instrument: address,
             calibration: Some(calibration()),
@@ -51,7 +52,8 @@ impl Bench {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
-            procedures: ProcedureServiceClient::new(channel),
+            procedures: ProcedureServiceClient::new(channel.clone()),
+            channel,
             config,
             runtime: Some(runtime),
             _folder: folder,
@@ -72,7 +74,8 @@ impl Bench {
         let (runtime, channel) = gateway(self.config.clone()).await;
         self.runtime = Some(runtime);
         self.cases = CaseServiceClient::new(channel.clone());
-        self.procedures = ProcedureServiceClient::new(channel);
+        self.procedures = ProcedureServiceClient::new(channel.clone());
+        self.channel = channel;
     }
 
     // === a case, step by step ===

@@ -12,3 +12,5 @@ mod fakes;
 mod input;
 mod plans;
 mod procedure;
+mod recording;
+mod replicas;
