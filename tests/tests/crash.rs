@@ -58,6 +58,7 @@ async fn watch_until(
 ) -> Procedure {
     let request = WatchProcedureRequest {
         procedure_id: procedure_id.to_owned(),
+        ..WatchProcedureRequest::default()
     };
     let mut states = client
         .watch_procedure(request)

@@ -8,6 +8,7 @@ const SERVERS: [(&str, &[&str]); 6] = [
     (
         "gateway",
         &[
+            "arthro.gateway.v1.AuditService",
             "arthro.gateway.v1.CaseService",
             "arthro.gateway.v1.ProcedureService",
         ],

@@ -6,12 +6,14 @@ use std::path::PathBuf;
 use arthro_geometry::Point3;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+mod audit;
 mod can;
 mod local;
 mod planning;
 mod recording;
 mod robot;
 
+pub use audit::{Audit, AuditExport, AuditKindName, AuditList, AuditVerify};
 pub use can::{
     Can, CanCommand, Dump, Eds, Faults, NmtCommand, NmtOrder, NmtTarget, ObjectKind, Sdo, SdoRead,
     SdoWrite,
@@ -89,6 +91,9 @@ pub enum Command {
     Record(Record),
     /// Shows recordings again as a gateway that can only be watched.
     Replay(Replay),
+    /// Lists, checks and exports the record of who did what.
+    #[command(subcommand)]
+    Audit(Audit),
     /// Finds where camera, tool and shaft are mounted.
     #[command(subcommand)]
     Calibrate(Calibrate),
@@ -173,8 +178,8 @@ pub enum Case {
     /// Accepts the registration.
     Accept {
         case: String,
-        /// Who accepts.
-        #[arg(long)]
+        /// Who accepts; with a certificate its name if not given.
+        #[arg(long, default_value = "")]
         operator: String,
     },
     /// Plans a case's bites and prints the plan's digest.
@@ -185,9 +190,19 @@ pub enum Case {
         /// The plan's digest.
         #[arg(long)]
         digest: String,
-        /// Who approves.
-        #[arg(long)]
+        /// Who approves; with a certificate its name if not given.
+        #[arg(long, default_value = "")]
         surgeon: String,
+    },
+    /// Puts a second person's name to the plan that a surgeon approved.
+    Countersign {
+        case: String,
+        /// The plan's digest.
+        #[arg(long)]
+        digest: String,
+        /// Who signs; with a certificate its name if not given.
+        #[arg(long, default_value = "")]
+        person: String,
     },
 }
 
@@ -303,8 +318,8 @@ pub struct PlanCase {
 #[derive(Debug, Args)]
 pub struct Run {
     pub case: String,
-    /// Who starts.
-    #[arg(long)]
+    /// Who starts; with a certificate its name if not given.
+    #[arg(long, default_value = "")]
     pub operator: String,
     /// The digest that was approved; the case's present one if not given.
     #[arg(long)]
@@ -340,8 +355,8 @@ pub struct Recover {
     /// What to do after retracting along the shaft.
     #[arg(long, value_enum)]
     pub action: RecoveryName,
-    /// Who decides.
-    #[arg(long)]
+    /// Who decides; with a certificate its name if not given.
+    #[arg(long, default_value = "")]
     pub operator: String,
 }
 

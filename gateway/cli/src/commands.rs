@@ -23,7 +23,8 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, record, register, robot, scene,
+    audit, bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, record, register, robot,
+    scene,
 };
 
 /// Runs one command to its end.
@@ -35,6 +36,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Calibrate(calibrate) => Box::pin(calibrate::run(calibrate, output)).await,
         // Started before any runtime exists; see `main`.
         Command::Serve(_) | Command::Replay(_) => Ok(()),
+        Command::Audit(audit) => Box::pin(audit::run(audit, connect, output)).await,
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Plan(arguments) => plan::run(*arguments, output).await,
@@ -209,6 +211,15 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             surgeon,
         } => {
             let case = gateway.approve(&case, &digest, &surgeon).await?;
+            output.line(show::case_state(&case));
+            output.result(&show::case(&case));
+        }
+        Case::Countersign {
+            case,
+            digest,
+            person,
+        } => {
+            let case = gateway.countersign(&case, &digest, &person).await?;
             output.line(show::case_state(&case));
             output.result(&show::case(&case));
         }

@@ -2,14 +2,15 @@
 
 use arthro_geometry::{Cloud, Mesh};
 use arthro_proto::common::v1::Frame;
+use arthro_proto::gateway::v1::audit_service_client::AuditServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
-    AcceptRegistrationRequest, ApprovePlanRequest, BegunAnew, Case, CreateCaseRequest,
-    GetCaseRequest, GetCaseResponse, ListProceduresRequest, ModelHeader, PlanCaseRequest,
-    Procedure, ProcedureState, RegisterCaseRequest, SceneHeader, StartProcedureRequest,
-    UploadModelRequest, UploadSceneRequest, UploadSceneResponse, WatchProcedureRequest,
-    scene_header, upload_model_request, upload_scene_request,
+    AcceptRegistrationRequest, ApprovePlanRequest, BegunAnew, Case, CountersignPlanRequest,
+    CreateCaseRequest, GetCaseRequest, GetCaseResponse, ListProceduresRequest, ModelHeader,
+    PlanCaseRequest, Procedure, ProcedureState, RegisterCaseRequest, SceneHeader,
+    StartProcedureRequest, UploadModelRequest, UploadSceneRequest, UploadSceneResponse,
+    WatchProcedureRequest, scene_header, upload_model_request, upload_scene_request,
 };
 use arthro_proto::planning::v1::{PlanProgress, ResectionPlan, plan_resection_response};
 use arthro_proto::registration::v1::{RegistrationResult, register_response};
@@ -30,6 +31,8 @@ pub struct Gateway {
     pub cases: CaseServiceClient<Channel>,
     /// Procedures.
     pub procedures: ProcedureServiceClient<Channel>,
+    /// The audit.
+    pub audit: AuditServiceClient<Channel>,
 }
 
 /// The preoperative data of a case.
@@ -60,8 +63,9 @@ impl Gateway {
         Ok(Self {
             cases: CaseServiceClient::new(channel.clone())
                 .max_decoding_message_size(MAX_ANSWER_BYTES),
-            procedures: ProcedureServiceClient::new(channel)
+            procedures: ProcedureServiceClient::new(channel.clone())
                 .max_decoding_message_size(MAX_ANSWER_BYTES),
+            audit: AuditServiceClient::new(channel).max_decoding_message_size(MAX_ANSWER_BYTES),
         })
     }
 
@@ -223,6 +227,22 @@ impl Gateway {
         approved.case.ok_or_else(missing("case"))
     }
 
+    /// Puts a second person's name to the plan with this digest.
+    pub async fn countersign(
+        &mut self,
+        case_id: &str,
+        plan_digest: &str,
+        person: &str,
+    ) -> Result<Case, Failure> {
+        let request = CountersignPlanRequest {
+            case_id: case_id.to_owned(),
+            plan_digest: plan_digest.to_owned(),
+            person: person.to_owned(),
+        };
+        let signed = self.cases.countersign_plan(request).await?.into_inner();
+        signed.case.ok_or_else(missing("case"))
+    }
+
     /// The case with its registration and plan.
     pub async fn case(&mut self, case_id: &str) -> Result<GetCaseResponse, Failure> {
         let request = GetCaseRequest {
@@ -255,6 +275,7 @@ impl Gateway {
     ) -> Result<Procedure, Failure> {
         let request = WatchProcedureRequest {
             procedure_id: procedure_id.to_owned(),
+            ..WatchProcedureRequest::default()
         };
         let mut states = self.procedures.watch_procedure(request).await?.into_inner();
         let bar = output.progress("procedure", 0);

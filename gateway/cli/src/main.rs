@@ -6,6 +6,7 @@
 //! the last line on standard output is then one JSON object. Exit codes are in [`exit`].
 
 mod arguments;
+mod audit;
 mod bench;
 mod bites_file;
 mod calibrate;

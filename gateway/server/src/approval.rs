@@ -7,11 +7,16 @@
 
 use std::fmt;
 
+use arthro_bootstrap::{Caller, Role};
 use arthro_geometry::{Point3, Rotation, Vector3};
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::cases::case::{Plan, Registration};
 use crate::config::Cell;
+
+/// The role of whoever calls without a certificate.
+const LOCAL: &str = "local";
 
 /// SHA-256, shown as 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
@@ -20,10 +25,43 @@ pub struct Digest([u8; 32]);
 /// Who approved which digest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Approval {
-    /// Who approved.
-    pub surgeon: String,
+    /// The surgeon who approved.
+    pub surgeon: Signatory,
+    /// Who did so second, where two persons must.
+    pub second: Option<Signatory>,
     /// What was approved.
     pub digest: Digest,
+}
+
+/// A person who put their name to a plan.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Signatory {
+    /// The certificate's name; without TLS whoever was stated.
+    pub name: String,
+    /// The certificate's role; `local` without TLS.
+    pub role: String,
+    /// Milliseconds since 1970-01-01 UTC.
+    pub at_ms: i64,
+}
+
+/// Section `gateway.approval`: who must approve a plan before it is performed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Policy {
+    /// 1: a surgeon. 2: a surgeon, and then another person.
+    pub persons: u8,
+    /// Who that other person may be.
+    pub second: Second,
+}
+
+/// The role of the second person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Second {
+    /// Another surgeon.
+    Surgeon,
+    /// An operator, or another surgeon.
+    Operator,
 }
 
 /// Digest of a model: the mesh and the lesion as packed bytes.
@@ -51,13 +89,20 @@ pub fn scene_digest(points: &[u8], has_normals: bool) -> Digest {
 
 /// Digest of plan, registration, calibration and model together: what is approved and executed.
 pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model: Digest) -> Digest {
-    let mut canonical = Canonical::new("arthro.plan.v2");
+    let mut canonical = Canonical::new("arthro.plan.v3");
     canonical.bytes(&model.0);
 
     let camera_from_ct = &registration.camera_from_ct;
     canonical.number(camera_from_ct.scale);
     canonical.rotation(&camera_from_ct.rotation);
     canonical.vector(&camera_from_ct.translation_mm);
+    canonical.bytes(registration.verdict.as_str().as_bytes());
+    canonical.count(registration.reasons.len());
+    for reason in &registration.reasons {
+        canonical.bytes(reason.as_bytes());
+    }
+    // What was looked at, and not only what is executed.
+    canonical.bytes(&registration.encoded);
 
     for pose in [
         cell.forceps_base_from_camera.isometry(),
@@ -71,6 +116,7 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
     canonical.point(&cell.arthroscope_portal);
     canonical.point(&cell.arthroscope_rest);
     canonical.number(cell.view_distance_mm);
+    canonical.optional(cell.joint_opening_mm);
 
     canonical.number(plan.jaw.width_mm);
     canonical.number(plan.jaw.length_mm);
@@ -92,31 +138,43 @@ pub fn plan_digest(plan: &Plan, registration: &Registration, cell: &Cell, model:
         canonical.vector(&view.approach);
         canonical.number(view.roll_rad);
     }
+    canonical.bytes(&plan.encoded);
     canonical.digest()
 }
 
 /// The canonical encoding, fed straight into the hash.
-struct Canonical(Sha256);
+pub(crate) struct Canonical(Sha256);
 
 impl Canonical {
     /// `domain` keeps digests of different things apart.
-    fn new(domain: &str) -> Self {
+    pub(crate) fn new(domain: &str) -> Self {
         let mut canonical = Self(Sha256::new());
         canonical.bytes(domain.as_bytes());
         canonical
     }
 
-    fn count(&mut self, count: usize) {
-        self.0.update((count as u64).to_le_bytes());
+    pub(crate) fn counter(&mut self, counter: u64) {
+        self.0.update(counter.to_le_bytes());
     }
 
-    fn bytes(&mut self, bytes: &[u8]) {
+    fn count(&mut self, count: usize) {
+        self.counter(count as u64);
+    }
+
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
         self.count(bytes.len());
         self.0.update(bytes);
     }
 
     fn number(&mut self, number: f64) {
         self.0.update(number.to_le_bytes());
+    }
+
+    fn optional(&mut self, number: Option<f64>) {
+        self.count(usize::from(number.is_some()));
+        if let Some(number) = number {
+            self.number(number);
+        }
     }
 
     fn vector(&mut self, vector: &Vector3) {
@@ -136,15 +194,81 @@ impl Canonical {
         }
     }
 
-    fn digest(self) -> Digest {
+    pub(crate) fn digest(self) -> Digest {
         Digest(self.0.finalize().into())
     }
 }
+
+// === impl Approval ===
+
+impl Approval {
+    /// Whether as many have approved as must.
+    pub fn is_complete(&self, policy: Policy) -> bool {
+        policy.persons == 1 || self.second.is_some()
+    }
+}
+
+// === impl Signatory ===
+
+impl Signatory {
+    /// Whoever calls and acts under this name.
+    pub fn new(caller: &Caller, name: String, at_ms: i64) -> Self {
+        let role = match caller {
+            Caller::Local => LOCAL,
+            Caller::Certified { role, .. } => role.as_str(),
+        };
+        Self {
+            name,
+            role: role.to_owned(),
+            at_ms,
+        }
+    }
+
+    /// Whether this is a surgeon, or nobody can tell because there are no certificates.
+    pub fn may_approve(&self) -> bool {
+        self.role == LOCAL || self.role == Role::Surgeon.as_str()
+    }
+
+    /// Whether this is the same person. A name in other letters or with more blanks is the same name.
+    pub fn is(&self, other: &Self) -> bool {
+        let plain = |name: &str| {
+            let words: Vec<_> = name.split_whitespace().map(str::to_lowercase).collect();
+            words.join(" ")
+        };
+        plain(&self.name) == plain(&other.name)
+    }
+}
+
+// === impl Policy ===
+
+impl Policy {
+    /// Whether this person may be the second one.
+    pub fn admits_second(&self, person: &Signatory) -> bool {
+        let operator = self.second == Second::Operator && person.role == Role::Operator.as_str();
+        operator || person.may_approve()
+    }
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self {
+            persons: 1,
+            second: Second::Surgeon,
+        }
+    }
+}
+
+// === impl Digest ===
 
 impl Digest {
     /// From the 32 bytes themselves.
     pub const fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
+    }
+
+    /// The 32 bytes.
+    pub const fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
     }
 
     /// From 64 hexadecimal digits.
@@ -180,6 +304,7 @@ mod tests {
     use super::*;
     use crate::cases::case::{Bite, Verdict, View};
     use crate::config::Jaw;
+    use arthro_geometry::frame::Frame;
     use arthro_geometry::{Rigid, Similarity};
     use bytes::Bytes;
     use proptest::prelude::*;
@@ -238,7 +363,117 @@ mod tests {
         plan_digest(plan, &registration(), &cell(), Digest([7; 32]))
     }
 
+    /// Everything that decides where the jaw closes, and all that was looked at.
+    #[derive(Clone)]
+    struct Input {
+        plan: Plan,
+        registration: Registration,
+        cell: Cell,
+        model: Digest,
+    }
+
+    impl Input {
+        fn new() -> Self {
+            Self {
+                plan: Plan {
+                    encoded: Bytes::from_static(b"the plan as it came"),
+                    ..plan()
+                },
+                registration: Registration {
+                    reasons: vec!["OVERLAP_LOW".to_owned()],
+                    encoded: Bytes::from_static(b"the registration as it came"),
+                    ..registration()
+                },
+                cell: cell(),
+                model: Digest([7; 32]),
+            }
+        }
+
+        fn digest(&self) -> Digest {
+            plan_digest(&self.plan, &self.registration, &self.cell, self.model)
+        }
+    }
+
+    fn flip(number: &mut f64, bit: usize) {
+        *number = f64::from_bits(number.to_bits() ^ (1 << (bit % 64)));
+    }
+
+    fn flip_byte(bytes: &mut Bytes, bit: usize) {
+        let mut edited = bytes.to_vec();
+        let at = bit / 8 % edited.len();
+        edited[at] ^= 1 << (bit % 8);
+        *bytes = edited.into();
+    }
+
+    fn flip_rotation(rotation: &mut Rotation, item: usize, bit: usize) {
+        let mut quaternion = *rotation.quaternion();
+        flip(&mut quaternion.coords[item % 4], bit);
+        *rotation = Rotation::new_unchecked(quaternion);
+    }
+
+    fn flip_rigid<A: Frame, B: Frame>(pose: &mut Rigid<A, B>, item: usize, bit: usize) {
+        let isometry = pose.isometry();
+        let (mut rotation, mut translation) = (isometry.rotation, isometry.translation.vector);
+        match item % 7 {
+            axis @ 0..3 => flip(&mut translation[axis], bit),
+            part => flip_rotation(&mut rotation, part, bit),
+        }
+        *pose = Rigid::new(rotation, translation);
+    }
+
+    /// The inputs beside bites and views, one number, byte or word each.
+    const OTHER_INPUTS: usize = 20;
+
+    fn edit(input: &mut Input, which: usize, item: usize, bit: usize) {
+        let Input {
+            plan,
+            registration,
+            cell,
+            model,
+        } = input;
+        match which {
+            0 => flip(&mut plan.jaw.width_mm, bit),
+            1 => flip(&mut plan.jaw.length_mm, bit),
+            2 => flip(&mut plan.jaw.throat_mm, bit),
+            3 => flip(&mut plan.contour[0].coords[item % 3], bit),
+            4 => flip(&mut registration.camera_from_ct.scale, bit),
+            5 => flip(
+                &mut registration.camera_from_ct.translation_mm[item % 3],
+                bit,
+            ),
+            6 => flip_rotation(&mut registration.camera_from_ct.rotation, item, bit),
+            7 => flip_rigid(&mut cell.forceps_base_from_camera, item, bit),
+            8 => flip_rigid(&mut cell.forceps_base_from_arthroscope_base, item, bit),
+            9 => flip_rigid(&mut cell.forceps_base_from_tool_at_tray, item, bit),
+            10 => flip(&mut cell.forceps_portal.coords[item % 3], bit),
+            11 => flip(&mut cell.arthroscope_portal.coords[item % 3], bit),
+            12 => flip(&mut cell.arthroscope_rest.coords[item % 3], bit),
+            13 => flip(&mut cell.view_distance_mm, bit),
+            14 => cell.joint_opening_mm = Some(f64::from_bits(bit as u64)),
+            15 => model.0[item % 32] ^= 1 << (bit % 8),
+            16 => registration.verdict = [Verdict::Review, Verdict::Reject][item % 2],
+            17 => registration.reasons[0].push('X'),
+            18 => flip_byte(&mut registration.encoded, bit),
+            _ => flip_byte(&mut plan.encoded, bit),
+        }
+    }
+
+    /// Two neighbours may not be read as one: what ends here and begins there is told apart.
+    #[test]
+    fn what_moves_from_one_list_to_the_next_is_another_digest() {
+        let mut split = Input::new();
+        split.registration.reasons = vec!["A".to_owned(), "B".to_owned()];
+        let mut joined = split.clone();
+        joined.registration.reasons = vec!["AB".to_owned()];
+        assert_ne!(split.digest(), joined.digest());
+        let mut fewer = Input::new();
+        fewer.plan.contour.push(fewer.plan.bites[0].center);
+        assert_ne!(fewer.digest(), Input::new().digest());
+    }
+
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
         #[test]
         fn one_changed_bit_of_any_bite_is_another_digest(
             bite in 0..3usize, item in 0..4usize, axis in 0..3usize, bit in 0..64u32
@@ -268,6 +503,15 @@ mod tests {
             };
             *number = f64::from_bits(number.to_bits() ^ (1 << bit));
             prop_assert_ne!(digest_of(&edited), digest_of(&plan()));
+        }
+
+        #[test]
+        fn one_changed_bit_of_any_other_input_is_another_digest(
+            which in 0..OTHER_INPUTS, item in 0..64usize, bit in 0..512usize
+        ) {
+            let mut edited = Input::new();
+            edit(&mut edited, which, item, bit);
+            prop_assert_ne!(edited.digest(), Input::new().digest());
         }
 
         #[test]

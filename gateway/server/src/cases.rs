@@ -14,8 +14,10 @@ use bytes::Bytes;
 use tokio::sync::Mutex;
 use uuid::Uuid;
 
-use crate::approval::{self, Digest};
-use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
+use crate::approval::{self, Digest, Policy, Signatory};
+use crate::aside::aside;
+use crate::audit::{Audit, Entry, Kind, Who};
+use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo, Stage};
 use crate::clients::planning::PackedModel;
 use crate::config::Cell;
 use crate::error::{Error, Result};
@@ -27,6 +29,8 @@ use crate::wall_clock::now_ms;
 pub struct Cases {
     journal: Arc<dyn Journal>,
     cell: Option<Arc<Cell>>,
+    policy: Policy,
+    audit: Audit,
     /// Held from reading a case to writing it back.
     changing: Arc<Mutex<()>>,
 }
@@ -55,10 +59,17 @@ pub struct Approved {
 
 impl Cases {
     /// Cases of a journal, in a cell that may not be calibrated yet.
-    pub fn new(journal: Arc<dyn Journal>, cell: Option<Cell>) -> Self {
+    pub fn new(
+        journal: Arc<dyn Journal>,
+        cell: Option<Cell>,
+        policy: Policy,
+        audit: Audit,
+    ) -> Self {
         Self {
             journal,
             cell: cell.map(Arc::new),
+            policy,
+            audit,
             changing: Arc::default(),
         }
     }
@@ -103,6 +114,11 @@ impl Cases {
         self.cell.as_ref().ok_or(Error::NotCalibrated)
     }
 
+    /// Who must approve a plan.
+    pub fn policy(&self) -> Policy {
+        self.policy
+    }
+
     /// Digest of the plan in force; `None` when there is no plan or no calibration.
     pub fn plan_digest(&self, case: &Case) -> Option<Digest> {
         let (Some(plan), Some(registration), Some(model), Some(cell)) =
@@ -125,13 +141,17 @@ impl Cases {
         model: PackedModel,
         lesion_spacing_mm: f64,
     ) -> Result<Case> {
-        let info = ModelInfo {
-            digest: approval::model_digest(
-                &model.vertices,
-                &model.triangles,
-                &model.lesion,
+        let hashed = model.clone();
+        let digest = aside(move || {
+            approval::model_digest(
+                &hashed.vertices,
+                &hashed.triangles,
+                &hashed.lesion,
                 lesion_spacing_mm,
-            ),
+            )
+        });
+        let info = ModelInfo {
+            digest: digest.await,
             lesion_spacing_mm,
         };
         let blobs = [
@@ -148,8 +168,10 @@ impl Cases {
 
     /// Replaces the scene.
     pub async fn store_scene(&self, case_id: &str, scene: Scene) -> Result<Case> {
+        let hashed = scene.points.clone();
+        let digest = aside(move || approval::scene_digest(&hashed, scene.has_normals));
         let info = SceneInfo {
-            digest: approval::scene_digest(&scene.points, scene.has_normals),
+            digest: digest.await,
             point_count: scene.point_count,
             has_normals: scene.has_normals,
         };
@@ -191,13 +213,55 @@ impl Cases {
     }
 
     /// A surgeon approves the plan with this digest.
-    pub async fn approve(&self, case_id: &str, surgeon: String, seen: Digest) -> Result<Case> {
+    pub async fn approve(
+        &self,
+        case_id: &str,
+        surgeon: Signatory,
+        who: Who,
+        seen: Digest,
+    ) -> Result<Case> {
+        self.sign(case_id, surgeon, who, seen, Case::approve).await
+    }
+
+    /// A second person puts their name to the plan with this digest.
+    pub async fn countersign(
+        &self,
+        case_id: &str,
+        person: Signatory,
+        who: Who,
+        seen: Digest,
+    ) -> Result<Case> {
+        self.sign(case_id, person, who, seen, Case::countersign)
+            .await
+    }
+
+    /// The name stands in the audit before it counts.
+    async fn sign(
+        &self,
+        case_id: &str,
+        signatory: Signatory,
+        who: Who,
+        seen: Digest,
+        rule: impl FnOnce(&mut Case, Signatory, Digest, Digest, Policy) -> Result<()>,
+    ) -> Result<Case> {
         self.cell()?;
-        self.change(case_id, &[], |case| {
-            let current = self.plan_digest(case).ok_or(Error::NotPlanned)?;
-            case.approve(surgeon, seen, current)
-        })
-        .await
+        let _changing = self.changing.lock().await;
+        let mut case = self.get(case_id).await?;
+        let current = self.plan_digest(&case).ok_or(Error::NotPlanned)?;
+        let mut entry = Entry::new(now_ms(), Kind::Approval, who);
+        entry.stated.clone_from(&signatory.name);
+        rule(&mut case, signatory, seen, current, self.policy)?;
+        entry.case_id.clone_from(&case.id);
+        entry.plan = Some(current);
+        let complete = case.stage(Some(current), self.policy) == Stage::Approved;
+        entry.code = match complete {
+            true => "APPROVED".to_owned(),
+            false => "SECOND_APPROVAL_NEEDED".to_owned(),
+        };
+        self.audit.record(entry).await?;
+        case.revision += 1;
+        self.journal.save_case(&case, &[]).await?;
+        Ok(case)
     }
 
     /// The plan with this digest, if it is in force and approved. Read from the journal each time, so that an approval
@@ -212,8 +276,14 @@ impl Cases {
                 current: current.map_or_else(|| "none".to_owned(), |digest| digest.to_string()),
             });
         }
-        if !case.approved_as(digest) {
-            return Err(Error::NotApproved { digest });
+        let approval = case
+            .approval_of(digest)
+            .ok_or(Error::NotApproved { digest })?;
+        if !approval.is_complete(self.policy) {
+            return Err(Error::SecondApprovalNeeded {
+                digest,
+                approved_by: approval.surgeon.name.clone(),
+            });
         }
         let registration = case.accepted()?.clone();
         let plan = case.plan.ok_or(Error::NotPlanned)?;

@@ -1,24 +1,34 @@
 //! The gateway's section of the configuration, and the checked calibration it becomes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use arthro_geometry::frame::{ArthroscopeBase, Camera, ForcepsBase, Frame, Tool};
 use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use nalgebra::Quaternion;
 use serde::{Deserialize, Serialize};
 
+use crate::approval::Policy;
+use crate::audit;
+use crate::audit::key::{KeyError, PublicKey, SigningKey};
 use crate::clients::replicas::addresses::{Addresses, Where};
+use crate::journal::Place;
 use crate::recording::Settings;
 
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
+/// Characters of a gateway's name.
+const NAME_LONGEST: usize = 100;
 
 /// Section `gateway`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// The SQLite file of cases, procedures and steps; created when absent.
-    pub journal: PathBuf,
+    /// Where cases, procedures and steps are kept: the path of an SQLite file, created when absent, or the address of a
+    /// PostgreSQL database (`postgres://user@host/database`), which several gateways may share.
+    pub journal: Place,
+    /// How this gateway is named to others that share its journal, e.g. its address; empty: host and process.
+    pub name: String,
     /// Address of the registration service, host:port; a list of its replicas; or `dns:///name:port`, whose every address
     /// is one.
     pub registration: Addresses,
@@ -43,6 +53,10 @@ pub struct Config {
     pub joint_opening_mm: Option<f64>,
     /// The jaw of the forceps in use.
     pub jaw: Jaw,
+    /// How the audit is kept.
+    pub audit: AuditConfig,
+    /// Who must approve a plan.
+    pub approval: Policy,
     /// Where things are in the cell. Without it cases are registered, but nothing is planned and nothing moves:
     /// there is no safe default for a hand-eye transform.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -59,6 +73,24 @@ pub struct Jaw {
     pub length_mm: f64,
     /// How far behind the jaw its hinge needs room, mm.
     pub throat_mm: f64,
+}
+
+/// Section `gateway.audit`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AuditConfig {
+    /// File of the key that signs, PEM, which only its owner may read; made when absent, its public key beside it with
+    /// `.pub`. Unset: the journal's file with `.audit-key`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub key: Option<PathBuf>,
+    /// File of the heads, best on a disk that whoever can write the journal cannot; made when absent. Unset: the journal's
+    /// file with `.audit-heads`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub heads: Option<PathBuf>,
+    /// Public keys of the other gateways on the same journal, PEM.
+    pub trusted: Vec<PathBuf>,
+    /// How often the heads are put on the disk at the latest, s; with a decision, an approval or an end it is done at once.
+    pub heads_sync_s: f64,
 }
 
 /// Section `gateway.calibration`, as written by the site.
@@ -123,7 +155,8 @@ pub struct ConfigError {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            journal: PathBuf::from("arthro-gateway.sqlite"),
+            journal: PathBuf::from("arthro-gateway.sqlite").into(),
+            name: String::new(),
             registration: "127.0.0.1:50051".to_owned().into(),
             planning: "127.0.0.1:50052".to_owned().into(),
             motion: "127.0.0.1:50053".to_owned(),
@@ -134,7 +167,20 @@ impl Default for Config {
             view_distance_mm: 20.0,
             joint_opening_mm: None,
             jaw: Jaw::default(),
+            audit: AuditConfig::default(),
+            approval: Policy::default(),
             calibration: None,
+        }
+    }
+}
+
+impl Default for AuditConfig {
+    fn default() -> Self {
+        Self {
+            key: None,
+            heads: None,
+            trusted: Vec::new(),
+            heads_sync_s: 1.0,
         }
     }
 }
@@ -175,12 +221,36 @@ impl Config {
         }))
     }
 
+    /// How this gateway is named to others.
+    pub fn holder(&self) -> Result<String, ConfigError> {
+        let length = self.name.chars().count();
+        if length > NAME_LONGEST || self.name.chars().any(char::is_control) {
+            return Err(ConfigError {
+                field: "name",
+                problem: format!(
+                    "has {length} characters; must have at most {NAME_LONGEST}, none of them a control character"
+                ),
+            });
+        }
+        if !self.name.is_empty() {
+            return Ok(self.name.clone());
+        }
+        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        let host = match host.trim() {
+            "" => "gateway",
+            host => host,
+        };
+        Ok(format!("{host}, process {}", std::process::id()))
+    }
+
     /// Checks jaw and calibration; `None` when the cell is not calibrated.
     pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
         within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
         within("jaw.length_mm", self.jaw.length_mm, 0.5, 20.0)?;
         within("jaw.throat_mm", self.jaw.throat_mm, 0.1, 10.0)?;
         within("view_distance_mm", self.view_distance_mm, 1.0, 200.0)?;
+        within("audit.heads_sync_s", self.audit.heads_sync_s, 0.01, 60.0)?;
+        self.approval.check()?;
         if let Some(opening_mm) = self.joint_opening_mm {
             within("joint_opening_mm", opening_mm, -20.0, 50.0)?;
         }
@@ -215,6 +285,46 @@ impl Config {
             view_distance_mm: self.view_distance_mm,
             joint_opening_mm: self.joint_opening_mm,
         }))
+    }
+}
+
+impl AuditConfig {
+    /// Reads the keys, makes what is absent. The files lie beside the journal's file, or in the working folder where that is
+    /// no file, unless they are configured.
+    pub fn open(&self, journal: &Place) -> Result<audit::Options, KeyError> {
+        let journal = match journal {
+            Place::File(path) => path.as_path(),
+            Place::Postgres(_) => Path::new("arthro-gateway"),
+        };
+        let beside = |configured: &Option<PathBuf>, ending: &str| {
+            configured.clone().unwrap_or_else(|| {
+                let mut path = journal.as_os_str().to_owned();
+                path.push(ending);
+                path.into()
+            })
+        };
+        Ok(audit::Options {
+            key: SigningKey::open_or_make(&beside(&self.key, ".audit-key"))?,
+            trusted: self
+                .trusted
+                .iter()
+                .map(|path| PublicKey::read(path))
+                .collect::<Result<_, _>>()?,
+            heads: beside(&self.heads, ".audit-heads"),
+            heads_sync: Duration::from_secs_f64(self.heads_sync_s),
+        })
+    }
+}
+
+impl Policy {
+    fn check(&self) -> Result<(), ConfigError> {
+        if (1..=2).contains(&self.persons) {
+            return Ok(());
+        }
+        Err(ConfigError {
+            field: "approval.persons",
+            problem: format!("is {}; must be 1 or 2", self.persons),
+        })
     }
 }
 

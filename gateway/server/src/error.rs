@@ -1,9 +1,11 @@
 //! Everything the gateway refuses or fails with, and the one table that maps it to a status.
 
 use arthro_bootstrap::status;
-use tonic::Status;
+use tonic::{Code, Status};
 
 use crate::approval::Digest;
+use crate::audit::AuditFailed;
+use crate::audit::layer::AUDIT_FAILED;
 use crate::clients::Failure;
 use crate::journal::JournalError;
 use crate::procedure::State;
@@ -49,6 +51,16 @@ pub enum Error {
         /// Uploads at the same time.
         limit: usize,
     },
+    /// An upload came to a halt, or would never end.
+    #[error(
+        "the upload is too slow: nothing came for {silence_s} s, or it lasted {whole_s} s; nothing was kept"
+    )]
+    UploadTooSlow {
+        /// Longest time between two messages.
+        silence_s: u64,
+        /// Longest time of all.
+        whole_s: u64,
+    },
     /// Model or scene is missing.
     #[error("the case has no {missing} yet")]
     CaseIncomplete {
@@ -89,6 +101,33 @@ pub enum Error {
     NotApproved {
         /// The plan in force.
         digest: Digest,
+    },
+    /// Another person must approve too.
+    #[error(
+        "the plan {digest} is approved by {approved_by} alone; another person must put their name to it"
+    )]
+    SecondApprovalNeeded {
+        /// The plan in force.
+        digest: Digest,
+        /// Who approved it.
+        approved_by: String,
+    },
+    /// The second person is the first one.
+    #[error("{name} approved this plan already; the second person must be another one")]
+    SamePerson {
+        /// Who.
+        name: String,
+    },
+    /// One person is enough.
+    #[error("no second person is needed: gateway.approval.persons is 1")]
+    NoSecondApproval,
+    /// Whoever signs has not the role for it.
+    #[error("{name} has the role {role}; a surgeon is needed")]
+    SurgeonMustSign {
+        /// Who.
+        name: String,
+        /// The role held.
+        role: String,
     },
     /// The plan, registration, calibration or model changed since the approval.
     #[error("the approval of {approved} is void: {current} is in force")]
@@ -148,6 +187,17 @@ pub enum Error {
     /// A service that the gateway calls refused, failed or is away.
     #[error(transparent)]
     Downstream(#[from] Failure),
+    /// The audit cannot be written: nothing is done that would not be recorded.
+    #[error(transparent)]
+    Audit(#[from] AuditFailed),
+    /// An entry of the audit cannot be read.
+    #[error("entry {sequence} of the audit is damaged: {problem}")]
+    AuditDamaged {
+        /// Which one.
+        sequence: u64,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// The journal cannot be read or written.
     #[error("the journal failed")]
     Journal(#[from] JournalError),
@@ -166,6 +216,7 @@ impl Error {
             Self::UnknownCase(_) => "UNKNOWN_CASE",
             Self::UnknownProcedure(_) => "UNKNOWN_PROCEDURE",
             Self::TooManyUploads { .. } => "TOO_MANY_UPLOADS",
+            Self::UploadTooSlow { .. } => "UPLOAD_TOO_SLOW",
             Self::CaseIncomplete { .. } => "CASE_INCOMPLETE",
             Self::CaseChanged => "CASE_CHANGED",
             Self::NotRegistered => "NOT_REGISTERED",
@@ -175,6 +226,10 @@ impl Error {
             Self::NotCalibrated => "NOT_CALIBRATED",
             Self::DigestMismatch { .. } => "DIGEST_MISMATCH",
             Self::NotApproved { .. } => "NOT_APPROVED",
+            Self::SecondApprovalNeeded { .. } => "SECOND_APPROVAL_NEEDED",
+            Self::SamePerson { .. } => "SAME_PERSON",
+            Self::NoSecondApproval => "NO_SECOND_APPROVAL",
+            Self::SurgeonMustSign { .. } => "SURGEON_NEEDED",
             Self::ApprovalVoid { .. } => "APPROVAL_VOID",
             Self::ProcedureActive { .. } => "PROCEDURE_ACTIVE",
             Self::WrongState { .. } => "PROCEDURE_STATE",
@@ -183,6 +238,10 @@ impl Error {
             Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
             Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
             Self::Downstream(failure) => failure.reason(),
+            Self::Audit(_) => AUDIT_FAILED,
+            Self::AuditDamaged { .. } => "AUDIT_DAMAGED",
+            Self::Journal(JournalError::NotInCommand { .. }) => "NOT_IN_COMMAND",
+            Self::Journal(JournalError::Fenced { .. }) => "FENCED",
             Self::Journal(_) => "JOURNAL_FAILED",
         }
     }
@@ -193,12 +252,27 @@ impl Error {
             Self::UnknownCase(id) => vec![("case_id", id.clone())],
             Self::UnknownProcedure(id) => vec![("procedure_id", id.clone())],
             Self::TooManyUploads { limit } => vec![("limit", limit.to_string())],
+            Self::UploadTooSlow { silence_s, whole_s } => vec![
+                ("silence_s", silence_s.to_string()),
+                ("whole_s", whole_s.to_string()),
+            ],
             Self::CaseIncomplete { missing } => vec![("missing", (*missing).to_owned())],
             Self::RegistrationRejected { reasons } => vec![("reasons", reasons.join(","))],
             Self::DigestMismatch { seen, current } => {
                 vec![("seen", seen.to_string()), ("current", current.to_string())]
             }
             Self::NotApproved { digest } => vec![("plan_digest", digest.to_string())],
+            Self::SecondApprovalNeeded {
+                digest,
+                approved_by,
+            } => vec![
+                ("plan_digest", digest.to_string()),
+                ("approved_by", approved_by.clone()),
+            ],
+            Self::SamePerson { name } => vec![("name", name.clone())],
+            Self::SurgeonMustSign { name, role } => {
+                vec![("name", name.clone()), ("role", role.clone())]
+            }
             Self::ApprovalVoid { approved, current } => vec![
                 ("approved", approved.to_string()),
                 ("current", current.clone()),
@@ -222,6 +296,9 @@ impl Error {
             Self::NoBiteInterrupted { procedure_id } => {
                 vec![("procedure_id", procedure_id.clone())]
             }
+            Self::Journal(
+                JournalError::NotInCommand { holder } | JournalError::Fenced { holder, .. },
+            ) => vec![("in_command", holder.clone())],
             Self::UnreachableBite {
                 bite,
                 check,
@@ -240,6 +317,7 @@ impl Error {
                 ("check", check.clone()),
                 ("detail", detail.clone()),
             ],
+            Self::AuditDamaged { sequence, .. } => vec![("sequence", sequence.to_string())],
             _ => Vec::new(),
         }
     }
@@ -261,8 +339,18 @@ impl From<Error> for Status {
                 status::not_found(error.reason(), message, &metadata)
             }
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
-            Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
-            Error::Journal(_) => status::unavailable(error.reason(), message, &metadata),
+            Error::CaseChanged | Error::UploadTooSlow { .. } => {
+                status::aborted(error.reason(), message, &metadata)
+            }
+            Error::SurgeonMustSign { .. } => {
+                status::with_reason(Code::PermissionDenied, error.reason(), message, &metadata)
+            }
+            Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
+                status::refused(error.reason(), message, &metadata)
+            }
+            Error::Journal(_) | Error::Audit(_) => {
+                status::unavailable(error.reason(), message, &metadata)
+            }
             Error::Downstream(failure) => failure.into_status(),
             _ => status::refused(error.reason(), message, &metadata),
         }

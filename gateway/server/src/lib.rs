@@ -7,6 +7,8 @@
 //! own, not by the call that started it ([`procedure::sequencer`]).
 
 pub mod approval;
+mod aside;
+pub mod audit;
 pub mod cases;
 pub mod clients;
 pub mod config;
@@ -20,19 +22,18 @@ mod wall_clock;
 pub mod wire;
 mod words;
 
-use std::sync::Arc;
-
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use tonic::service::Routes;
 
 pub use crate::config::Config;
 
+use crate::audit::{Audit, Entry, Kind, Who, refusals};
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::clients::channel::Connector;
-use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
 use crate::recording::Recorder;
+use crate::wall_clock::now_ms;
 
 /// The gateway as a server of the house.
 #[derive(Debug)]
@@ -43,7 +44,7 @@ impl Service for Server {
     const DEFAULT_PORT: u16 = 50050;
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let cell = config.cell()?;
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
@@ -56,7 +57,10 @@ impl Service for Server {
             &config.motion,
             &config.instrument,
         )?;
-        let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
+        let journal = journal::open(&config.journal, &config.holder()?).await?;
+        let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
+        audit.record(started(&audit)).await?;
+        tokio::spawn(refusals::record(audit.clone(), host.refusals()));
         let recorder = match config.recordings()? {
             Some(settings) => Some(Recorder::start(
                 settings,
@@ -66,24 +70,38 @@ impl Service for Server {
             )?),
             None => None,
         };
-        let cases = Cases::new(journal.clone(), cell);
-        let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
+        let cases = Cases::new(journal.clone(), cell, config.approval, audit.clone());
+        let procedures =
+            Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
         if let Some(recorder) = &recorder {
             procedures.recorded_by(recorder.clone());
         }
-        let (leaving, recording) = (procedures.clone(), recorder.clone());
-        // The server does not end before what is under way is interrupted and its recording ended.
-        let hold = drain.hold();
+        let leaving = (procedures.clone(), recorder.clone(), audit.clone());
+        let hold = host.drain.hold();
         tokio::spawn(async move {
-            drain.started().await;
-            leaving.leave().await;
-            if let Some(recorder) = recording {
+            host.drain.started().await;
+            let (procedures, recorder, audit) = leaving;
+            procedures.leave().await;
+            if let Some(recorder) = recorder {
                 recorder.finish().await;
+            }
+            let ended = Entry::new(now_ms(), Kind::End, Who::gateway());
+            if let Err(error) = audit.record(ended).await {
+                tracing::error!(%error, "the end is not in the audit");
             }
             drop(hold);
         });
         Ok(server::routes(
-            cases, procedures, clients, config.jaw, recorder,
+            cases, procedures, clients, config.jaw, recorder, audit,
         ))
+    }
+}
+
+fn started(audit: &Audit) -> Entry {
+    let key = audit.keys().last().map_or("", |key| key.id().as_str());
+    Entry {
+        code: env!("CARGO_PKG_VERSION").to_owned(),
+        detail: format!("signs with the key {key}"),
+        ..Entry::new(now_ms(), Kind::Start, Who::gateway())
     }
 }

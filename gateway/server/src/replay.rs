@@ -8,7 +8,7 @@ mod server;
 
 use std::path::PathBuf;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use serde::{Deserialize, Serialize};
 use tonic::service::Routes;
 
@@ -59,7 +59,7 @@ impl Service for Server {
     ]);
     type Config = Config;
 
-    async fn build(config: Config, _drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, _host: Host) -> Result<Routes, BoxError> {
         config.check()?;
         let mut begins_ns = None;
         let mut ends_ns = 0;

@@ -1,18 +1,23 @@
 //! gRPC in and out: the services of the gateway and what they share.
 
+mod audit;
 mod case;
 pub(crate) mod procedure;
 mod recording;
+mod standby;
 
 use std::pin::Pin;
 
+use arthro_bootstrap::Caller;
+use arthro_proto::gateway::v1::audit_service_server::AuditServiceServer;
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
-use arthro_proto::gateway::v1::procedure_service_server::ProcedureServiceServer;
 use arthro_proto::gateway::v1::recording_service_server::RecordingServiceServer;
 use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{Code, Status};
+use tower::Layer as _;
 
+use crate::audit::{Audit, AuditLayer};
 use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::config::Jaw;
@@ -23,23 +28,32 @@ use crate::recording::Recorder;
 /// A stream of answers.
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// All services.
+/// The services, each behind the audit, and those that command behind the gateway's duty.
 pub fn routes(
     cases: Cases,
     procedures: Procedures,
     clients: Clients,
     jaw: Jaw,
     recorder: Option<Recorder>,
+    audit: Audit,
 ) -> Routes {
-    Routes::new(CaseServiceServer::new(case::CaseApi::new(
-        cases, clients, jaw,
-    )))
-    .add_service(ProcedureServiceServer::new(procedure::ProcedureApi::new(
-        procedures,
-    )))
-    .add_service(RecordingServiceServer::new(recording::RecordingApi::new(
-        recorder,
-    )))
+    let audited = AuditLayer::new(audit.clone());
+    let on_duty = standby::OnDuty(procedures.duty());
+    let cases = CaseServiceServer::new(case::CaseApi::new(cases, clients, jaw));
+    let procedures = procedure::watch::Watched::new(procedures);
+    let recordings = RecordingServiceServer::new(recording::RecordingApi::new(recorder));
+    Routes::new(audited.layer(on_duty.layer(cases)))
+        .add_service(audited.layer(on_duty.layer(procedures)))
+        .add_service(audited.layer(recordings))
+        .add_service(audited.layer(AuditServiceServer::new(audit::AuditApi::new(audit))))
+}
+
+/// Who acts: the person whom a field of the request names, who must be the one of the certificate where there is one.
+fn person(caller: &Caller, field: &str, stated: String) -> Result<String, Violation> {
+    let acting = caller
+        .acting(stated)
+        .map_err(|other| Violation::new(field, other.to_string()))?;
+    text(field, acting, 100)
 }
 
 /// A text for people: not blank, no control characters, at most `longest` characters.

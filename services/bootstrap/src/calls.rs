@@ -1,44 +1,100 @@
-//! The layer around every call: its deadline, the limit of calls at the same time, and a log line.
+//! The layer around every call: its deadline, the limits of calls and open streams at the same time, and a log line.
 //!
 //! A deadline that passes is answered DEADLINE_EXCEEDED, before the answer and in the middle of a
-//! stream, and drops the handler, so that its work stops. Over the limit a call is refused at once
+//! stream, and drops the handler, so that its work stops. Over a limit a call is refused at once
 //! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: calls named `Stop…` pass.
+//!
+//! Calls that ask for the processor take turns ([`Turns`]), so that a stop, which waits for none, finds few others before
+//! it where a hundred clients ask as fast as they are answered.
 
-use std::pin::Pin;
+use std::net::SocketAddr;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use http::{HeaderMap, Request, Response};
 use http_body::Frame;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep};
 use tonic::body::Body;
-use tonic::{Code, Status};
+use tonic::transport::server::TcpConnectInfo;
+use tonic::{Code, Extensions, Status};
 use tower::{Layer, Service};
 
+use crate::host::{RefusedCall, Reports};
+use crate::identity::Caller;
 use crate::status;
+
+mod turns;
+
+use turns::{Turn, Turns};
 
 /// When the caller stops waiting; found in the request's extensions.
 #[derive(Clone, Copy, Debug)]
 pub struct Deadline(pub Instant);
 
 /// Limits of the calls to one server.
-#[derive(Clone, Debug)]
-pub struct CallLayer {
-    permits: Arc<Semaphore>,
-    max_calls: usize,
-    default_deadline: Duration,
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Calls that wait for their answer, or for the head of it.
+    pub max_calls: usize,
+    /// Calls whose answer has not ended, however idle it is.
+    pub max_streams: usize,
+    /// Calls that may have the processors at the same time; 0 for so many as suit the machine.
+    pub max_turns: usize,
+    /// For calls that bring none.
+    pub default_deadline: Duration,
 }
 
+/// Keeps the [`Limits`].
+#[derive(Clone, Debug)]
+pub struct CallLayer {
+    limits: Limits,
+    calls: Arc<Semaphore>,
+    streams: Arc<Semaphore>,
+    turns: Turns,
+    reports: Reports,
+}
+
+/// The right to be worked on and to be answered.
+struct Admitted {
+    call: OwnedSemaphorePermit,
+    stream: OwnedSemaphorePermit,
+}
+
+/// A service behind the [`CallLayer`].
+#[derive(Clone, Debug)]
+pub struct Calls<S> {
+    inner: S,
+    layer: CallLayer,
+}
+
+// === impl CallLayer ===
+
 impl CallLayer {
-    /// At most `max_calls` at the same time, `default_deadline` for calls that bring none.
-    pub fn new(max_calls: usize, default_deadline: Duration) -> Self {
+    /// For one server.
+    pub(crate) fn new(limits: Limits, reports: Reports) -> Self {
         Self {
-            permits: Arc::new(Semaphore::new(max_calls)),
-            max_calls,
-            default_deadline,
+            limits,
+            calls: Arc::new(Semaphore::new(limits.max_calls)),
+            streams: Arc::new(Semaphore::new(limits.max_streams)),
+            turns: Turns::new(limits.max_turns),
+            reports,
         }
+    }
+
+    fn admit(&self) -> Result<Admitted, Status> {
+        let Limits {
+            max_calls,
+            max_streams,
+            ..
+        } = self.limits;
+        let taken = |permits: &Arc<Semaphore>| permits.clone().try_acquire_owned();
+        Ok(Admitted {
+            call: taken(&self.calls).map_err(|_| too_many_calls(max_calls))?,
+            stream: taken(&self.streams).map_err(|_| too_many_streams(max_streams))?,
+        })
     }
 }
 
@@ -47,16 +103,9 @@ impl<S> Layer<S> for CallLayer {
     fn layer(&self, inner: S) -> Calls<S> {
         Calls {
             inner,
-            limits: self.clone(),
+            layer: self.clone(),
         }
     }
-}
-
-/// A service behind the [`CallLayer`].
-#[derive(Clone, Debug)]
-pub struct Calls<S> {
-    inner: S,
-    limits: CallLayer,
 }
 
 // === impl Calls ===
@@ -80,35 +129,56 @@ where
     fn call(&mut self, mut request: Request<Body>) -> Self::Future {
         let began = Instant::now();
         let path = request.uri().path().to_owned();
-        let permit = if is_stop(&path) {
+        let admitted = if is_stop(&path) {
             None
         } else {
-            match self.limits.permits.clone().try_acquire_owned() {
-                Ok(permit) => Some(permit),
-                Err(_) => {
-                    let refusal = overloaded(self.limits.max_calls);
-                    tracing::warn!(path, "call refused: too many at the same time");
+            match self.layer.admit() {
+                Ok(admitted) => Some(admitted),
+                Err(refusal) => {
+                    self.layer.reports.refused(RefusedCall {
+                        caller: Some(Caller::of(request.extensions())),
+                        peer: peer_of(request.extensions()),
+                        method: path,
+                        reason: status::reason(&refusal).unwrap_or_default(),
+                        message: refusal.message().to_owned(),
+                    });
                     return Box::pin(async move { Ok(refusal.into_http()) });
                 }
             }
         };
         let asked = grpc_timeout(request.headers());
-        let deadline = began + asked.unwrap_or(self.limits.default_deadline);
+        let deadline = began + asked.unwrap_or(self.layer.limits.default_deadline);
         request.extensions_mut().insert(Deadline(deadline));
         let answer = self.inner.call(request);
+        let turns = self.layer.turns.clone();
         Box::pin(async move {
-            let outcome = tokio::time::timeout_at(deadline, answer).await;
-            drop(permit);
+            let mut turn = match &admitted {
+                Some(_) => turns.take().await,
+                None => Turn::NOT_NEEDED,
+            };
+            let (call, stream) = match admitted {
+                Some(Admitted { call, stream }) => (Some(call), Some(stream)),
+                None => (None, None),
+            };
+            let mut answer = pin!(tokio::time::timeout_at(deadline, answer));
+            let outcome = match at_once(answer.as_mut()).await {
+                Poll::Ready(outcome) => outcome,
+                Poll::Pending => {
+                    // It waits for something else than the processor.
+                    turn = Turn::NOT_NEEDED;
+                    answer.await
+                }
+            };
+            drop(call);
             let elapsed_ms = began.elapsed().as_secs_f64() * 1e3;
             match outcome {
                 Ok(response) => {
                     tracing::debug!(path, elapsed_ms, "call answered");
                     // Only a deadline that the caller set bounds a stream: watching may go on for ever.
-                    response.map(|response| match asked {
-                        Some(_) => {
-                            response.map(|body| Body::new(DeadlineBody::new(body, deadline)))
-                        }
-                        None => response,
+                    let deadline = asked.map(|_| deadline);
+                    response.map(|response| {
+                        response
+                            .map(|body| Body::new(AnswerBody::new(body, deadline, stream, turn)))
                     })
                 }
                 Err(_) => {
@@ -120,6 +190,16 @@ where
     }
 }
 
+/// What a future has to say now.
+async fn at_once<F: Future>(mut future: Pin<&mut F>) -> Poll<F::Output> {
+    std::future::poll_fn(|context| Poll::Ready(future.as_mut().poll(context))).await
+}
+
+/// Where a call comes from.
+fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
+    extensions.get::<TcpConnectInfo>()?.remote_addr()
+}
+
 /// Stopping must get through when everything else is refused.
 fn is_stop(path: &str) -> bool {
     path.rsplit('/')
@@ -127,11 +207,19 @@ fn is_stop(path: &str) -> bool {
         .is_some_and(|method| method.starts_with("Stop"))
 }
 
-fn overloaded(max_calls: usize) -> Status {
+fn too_many_calls(max_calls: usize) -> Status {
     status::exhausted(
         "TOO_MANY_CALLS",
         format!("{max_calls} calls are being worked on, which is the limit; try again"),
         &[("max_calls", max_calls.to_string())],
+    )
+}
+
+fn too_many_streams(max_streams: usize) -> Status {
+    status::exhausted(
+        "TOO_MANY_STREAMS",
+        format!("{max_streams} answers are still open, which is the limit; end some and try again"),
+        &[("max_streams", max_streams.to_string())],
     )
 }
 
@@ -162,22 +250,38 @@ fn grpc_timeout(headers: &HeaderMap) -> Option<Duration> {
     Some(timeout.saturating_sub(Duration::from_millis(1)))
 }
 
-/// A response body that ends with DEADLINE_EXCEEDED when the deadline passes.
-struct DeadlineBody {
+/// An answer on its way: ends with DEADLINE_EXCEEDED when a deadline passes, and counts as open until it has ended.
+struct AnswerBody {
     inner: Option<Body>,
-    sleep: Pin<Box<Sleep>>,
+    sleep: Option<Pin<Box<Sleep>>>,
+    stream: Option<OwnedSemaphorePermit>,
+    turn: Turn,
 }
 
-impl DeadlineBody {
-    fn new(inner: Body, deadline: Instant) -> Self {
+impl AnswerBody {
+    fn new(
+        inner: Body,
+        deadline: Option<Instant>,
+        stream: Option<OwnedSemaphorePermit>,
+        turn: Turn,
+    ) -> Self {
         Self {
             inner: Some(inner),
-            sleep: Box::pin(tokio::time::sleep_until(deadline)),
+            sleep: deadline.map(|deadline| Box::pin(tokio::time::sleep_until(deadline))),
+            stream,
+            turn,
         }
+    }
+
+    fn end(&mut self) {
+        // Dropping the handler's stream is what stops its work.
+        self.inner = None;
+        self.stream = None;
+        self.turn = Turn::NOT_NEEDED;
     }
 }
 
-impl http_body::Body for DeadlineBody {
+impl http_body::Body for AnswerBody {
     type Data = <Body as http_body::Body>::Data;
     type Error = Status;
 
@@ -189,11 +293,19 @@ impl http_body::Body for DeadlineBody {
             return Poll::Ready(None);
         };
         if let Poll::Ready(frame) = Pin::new(inner).poll_frame(context) {
+            let more = matches!(&frame, Some(Ok(frame)) if frame.is_data());
+            if !more {
+                self.end();
+            }
             return Poll::Ready(frame);
         }
-        ready!(self.sleep.as_mut().poll(context));
-        // Dropping the handler's stream is what stops its work.
-        self.inner = None;
+        // A stream that has nothing to say needs no processor.
+        self.turn = Turn::NOT_NEEDED;
+        let Some(sleep) = self.sleep.as_mut() else {
+            return Poll::Pending;
+        };
+        ready!(sleep.as_mut().poll(context));
+        self.end();
         let mut trailers = HeaderMap::new();
         match deadline_exceeded().add_header(&mut trailers) {
             Ok(()) => Poll::Ready(Some(Ok(Frame::trailers(trailers)))),

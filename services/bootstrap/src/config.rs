@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BoxError, Service};
 
+/// No server is asked for more calls, connections or streams at the same time.
+const COUNT_MAX: usize = 1_000_000;
+
 /// The `server` part of every service's section.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -26,6 +29,12 @@ pub struct ServerConfig {
     pub log_filter: String,
     /// Calls that may be worked on at the same time; more are refused with RESOURCE_EXHAUSTED.
     pub max_calls: usize,
+    /// Connections at the same time. One more is taken, and the one that has been silent for longest is closed.
+    pub max_connections: usize,
+    /// Answers that may be open at the same time, idle watches among them; more are refused with RESOURCE_EXHAUSTED.
+    pub max_streams: usize,
+    /// Calls that may have the processors at the same time; others wait a moment, stops do not. 0: four a processor.
+    pub max_turns: usize,
     /// Deadline of calls that bring none, s. Streams that only watch are not bounded by it.
     pub default_deadline_s: f64,
     /// How long open calls may go on once the shutdown began, s.
@@ -63,6 +72,9 @@ impl Default for ServerConfig {
             log: LogFormat::Human,
             log_filter: "info".to_owned(),
             max_calls: 256,
+            max_connections: 1024,
+            max_streams: 16_384,
+            max_turns: 0,
             default_deadline_s: 600.0,
             drain_s: 3.0,
             tls: None,
@@ -175,8 +187,16 @@ fn check(server: &ServerConfig) -> Result<(), BoxError> {
             return Err(format!("server.{key} is {value}; it must be within 0 .. 86400").into());
         }
     }
-    if server.max_calls == 0 {
-        return Err("server.max_calls is 0; it must be at least 1".into());
+    for (key, value) in [
+        ("max_calls", server.max_calls),
+        ("max_connections", server.max_connections),
+        ("max_streams", server.max_streams),
+    ] {
+        if !(1..=COUNT_MAX).contains(&value) {
+            return Err(
+                format!("server.{key} is {value}; it must be within 1 .. {COUNT_MAX}").into(),
+            );
+        }
     }
     Ok(())
 }

@@ -6,13 +6,22 @@ use tokio::io::AsyncReadExt as _;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tonic::service::Routes;
-use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
 
-use crate::calls::CallLayer;
+use crate::calls::{CallLayer, Limits};
 use crate::config::{ServerConfig, TlsConfig};
+use crate::connections::{self, Connections};
 use crate::drain::DrainSource;
+use crate::host::Reports;
 use crate::{BoxError, reflection, run};
+
+/// A client is asked for a sign of life this often, and given up when it gives none for as long: one that reads nothing, too.
+const KEEP_ALIVE: Duration = Duration::from_secs(20);
+/// Bytes of one upload, and of all of one connection, that may wait for their handlers.
+const STREAM_WINDOW_BYTES: u32 = 256 * 1024;
+const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
+/// Calls of one connection at the same time; a client waits by itself with more.
+const STREAMS_A_CONNECTION: u32 = 1024;
 
 /// Serves `routes` until a signal, then drains.
 pub(crate) async fn serve(
@@ -20,6 +29,7 @@ pub(crate) async fn serve(
     offers: Option<&[&str]>,
     config: ServerConfig,
     routes: Routes,
+    reports: Reports,
     drain: DrainSource,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
@@ -35,12 +45,19 @@ pub(crate) async fn serve(
     }
     let routes = reflection::mount(routes, &services)?.add_service(health_service);
 
+    let limits = Limits {
+        max_calls: config.max_calls,
+        max_streams: config.max_streams,
+        max_turns: config.max_turns,
+        default_deadline: Duration::from_secs_f64(config.default_deadline_s),
+    };
     let mut server = Server::builder()
-        .http2_keepalive_interval(Some(Duration::from_secs(20)))
-        .layer(CallLayer::new(
-            config.max_calls,
-            Duration::from_secs_f64(config.default_deadline_s),
-        ));
+        .http2_keepalive_interval(Some(KEEP_ALIVE))
+        .http2_keepalive_timeout(Some(KEEP_ALIVE))
+        .initial_stream_window_size(STREAM_WINDOW_BYTES)
+        .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
+        .max_concurrent_streams(STREAMS_A_CONNECTION)
+        .layer(CallLayer::new(limits, reports));
     if let Some(tls) = &config.tls {
         server = server.tls_config(tls_config(tls)?)?;
     }
@@ -48,7 +65,8 @@ pub(crate) async fn serve(
         .await
         .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let address = listener.local_addr()?;
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
+    connections::make_room_for(config.max_connections);
+    let incoming = Connections::new(listener, config.max_connections);
     run::print_line(&format!(r#"{{"service":"{name}","address":"{address}"}}"#));
     tracing::info!(service = name, %address, tls = config.tls.is_some(), "listening");
 

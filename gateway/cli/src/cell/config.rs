@@ -119,7 +119,7 @@ impl Configuration {
     ) -> Result<(), Failure> {
         let view = scenario.system_view();
         let config = arthro_gateway::config::Config {
-            journal: folder.join("journal.sqlite"),
+            journal: folder.join("journal.sqlite").into(),
             recordings: Some(folder.join("recordings")),
             registration: address(ServiceName::Registration).into(),
             planning: address(ServiceName::Planning).into(),

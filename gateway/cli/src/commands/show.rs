@@ -22,6 +22,12 @@ pub fn case(case: &Case) -> Value {
         "plan_digest": case.plan_digest,
         "approved_by": case.approved_by,
         "approved_digest": case.approved_digest,
+        "approvals": case.approvals.iter().map(|approval| json!({
+            "name": approval.name,
+            "role": approval.role,
+            "at_ms": approval.at_ms,
+        })).collect::<Vec<_>>(),
+        "approvals_needed": case.approvals_needed,
     })
 }
 

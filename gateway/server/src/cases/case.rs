@@ -8,7 +8,7 @@ use arthro_geometry::frame::{Camera, Ct};
 use arthro_geometry::{Point3, Similarity, Vector3};
 use bytes::Bytes;
 
-use crate::approval::{Approval, Digest};
+use crate::approval::{Approval, Digest, Policy, Signatory};
 use crate::config::Jaw;
 use crate::error::{Error, Result};
 use crate::words::words;
@@ -158,7 +158,7 @@ impl Case {
     }
 
     /// How far the case has come; `plan_digest` is the digest of the plan in force.
-    pub fn stage(&self, plan_digest: Option<Digest>) -> Stage {
+    pub fn stage(&self, plan_digest: Option<Digest>, policy: Policy) -> Stage {
         if self.model.is_none() || self.scene.is_none() {
             Stage::Created
         } else if self.registration.is_none() {
@@ -167,18 +167,21 @@ impl Case {
             Stage::Registered
         } else if self.plan.is_none() {
             Stage::Accepted
-        } else if plan_digest.is_some_and(|digest| self.approved_as(digest)) {
+        } else if plan_digest
+            .and_then(|digest| self.approval_of(digest))
+            .is_some_and(|approval| approval.is_complete(policy))
+        {
             Stage::Approved
         } else {
             Stage::Planned
         }
     }
 
-    /// Whether exactly this digest was approved and the approval still stands.
-    pub fn approved_as(&self, digest: Digest) -> bool {
+    /// The approval of exactly this digest, which may still need a second person.
+    pub fn approval_of(&self, digest: Digest) -> Option<&Approval> {
         self.approval
             .as_ref()
-            .is_some_and(|approval| approval.digest == digest)
+            .filter(|approval| approval.digest == digest)
     }
 
     /// Puts another model in; voids registration, plan and approval.
@@ -221,18 +224,74 @@ impl Case {
         Ok(())
     }
 
-    /// A surgeon approves the plan in force, whose digest is `current`, having seen `seen`.
-    pub fn approve(&mut self, surgeon: String, seen: Digest, current: Digest) -> Result<()> {
+    /// A surgeon approves the plan in force, whose digest is `current`, having seen `seen`. Where two persons must, another
+    /// surgeon is the second.
+    pub fn approve(
+        &mut self,
+        surgeon: Signatory,
+        seen: Digest,
+        current: Digest,
+        policy: Policy,
+    ) -> Result<()> {
+        self.see(seen, current)?;
+        if !surgeon.may_approve() {
+            return Err(Error::SurgeonMustSign {
+                name: surgeon.name,
+                role: surgeon.role,
+            });
+        }
+        if policy.persons > 1 && self.approval_of(current).is_some() {
+            return self.sign_second(surgeon, current);
+        }
+        self.approval = Some(Approval {
+            surgeon,
+            second: None,
+            digest: current,
+        });
+        Ok(())
+    }
+
+    /// Another person puts their name to the plan that a surgeon approved.
+    pub fn countersign(
+        &mut self,
+        person: Signatory,
+        seen: Digest,
+        current: Digest,
+        policy: Policy,
+    ) -> Result<()> {
+        self.see(seen, current)?;
+        if policy.persons < 2 {
+            return Err(Error::NoSecondApproval);
+        }
+        if !policy.admits_second(&person) {
+            return Err(Error::SurgeonMustSign {
+                name: person.name,
+                role: person.role,
+            });
+        }
+        self.sign_second(person, current)
+    }
+
+    fn sign_second(&mut self, person: Signatory, digest: Digest) -> Result<()> {
+        let approval = self
+            .approval
+            .as_mut()
+            .filter(|approval| approval.digest == digest)
+            .ok_or(Error::NotApproved { digest })?;
+        if approval.surgeon.is(&person) {
+            return Err(Error::SamePerson { name: person.name });
+        }
+        approval.second = Some(person);
+        Ok(())
+    }
+
+    fn see(&self, seen: Digest, current: Digest) -> Result<()> {
         if self.plan.is_none() {
             return Err(Error::NotPlanned);
         }
         if seen != current {
             return Err(Error::DigestMismatch { seen, current });
         }
-        self.approval = Some(Approval {
-            surgeon,
-            digest: current,
-        });
         Ok(())
     }
 
@@ -265,6 +324,8 @@ impl Case {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::approval::Second;
+    use arthro_bootstrap::{Caller, Role};
 
     fn registration(verdict: Verdict) -> Registration {
         Registration {
@@ -311,17 +372,130 @@ mod tests {
         case.register(registration(Verdict::Review)).unwrap();
         case.accept("operator".to_owned()).unwrap();
         case.replace_plan(plan()).unwrap();
-        case.approve("surgeon".to_owned(), digest(3), digest(3))
+        case.approve(surgeon("Dr. Adams"), digest(3), digest(3), ONE)
             .unwrap();
-        assert_eq!(case.stage(Some(digest(3))), Stage::Approved);
+        assert_eq!(case.stage(Some(digest(3)), ONE), Stage::Approved);
         case
+    }
+
+    const ONE: Policy = Policy {
+        persons: 1,
+        second: Second::Surgeon,
+    };
+    const TWO_SURGEONS: Policy = Policy { persons: 2, ..ONE };
+    const WITH_OPERATOR: Policy = Policy {
+        persons: 2,
+        second: Second::Operator,
+    };
+
+    fn signatory(name: &str, role: Role) -> Signatory {
+        let caller = Caller::Certified {
+            name: name.to_owned(),
+            role,
+        };
+        Signatory::new(&caller, name.to_owned(), 0)
+    }
+
+    fn surgeon(name: &str) -> Signatory {
+        signatory(name, Role::Surgeon)
+    }
+
+    #[test]
+    fn one_of_two_surgeons_is_not_enough() {
+        let mut case = approved();
+        let digest = digest(3);
+        assert_eq!(case.stage(Some(digest), TWO_SURGEONS), Stage::Planned);
+        case.approve(surgeon("Dr. Brown"), digest, digest, TWO_SURGEONS)
+            .unwrap();
+        assert_eq!(case.stage(Some(digest), TWO_SURGEONS), Stage::Approved);
+        let approval = case.approval.unwrap();
+        assert_eq!(approval.surgeon.name, "Dr. Adams");
+        assert_eq!(approval.second.unwrap().name, "Dr. Brown");
+    }
+
+    #[test]
+    fn the_same_person_is_no_second_one_in_whatever_letters() {
+        let mut case = approved();
+        let digest = digest(3);
+        for name in ["Dr. Adams", "dr. adams", "  DR.   Adams "] {
+            for policy in [TWO_SURGEONS, WITH_OPERATOR] {
+                let refusals = [
+                    case.approve(surgeon(name), digest, digest, policy),
+                    case.countersign(surgeon(name), digest, digest, policy),
+                    case.countersign(
+                        signatory(name, Role::Operator),
+                        digest,
+                        digest,
+                        WITH_OPERATOR,
+                    ),
+                ];
+                for refusal in refusals {
+                    assert!(matches!(refusal, Err(Error::SamePerson { .. })));
+                }
+            }
+        }
+        assert_eq!(case.stage(Some(digest), TWO_SURGEONS), Stage::Planned);
+    }
+
+    #[test]
+    fn an_operator_countersigns_only_where_that_is_configured() {
+        let mut case = approved();
+        let digest = digest(3);
+        let operator = signatory("Olsen", Role::Operator);
+        assert!(matches!(
+            case.countersign(operator.clone(), digest, digest, TWO_SURGEONS),
+            Err(Error::SurgeonMustSign { .. })
+        ));
+        assert!(matches!(
+            case.countersign(operator.clone(), digest, digest, ONE),
+            Err(Error::NoSecondApproval)
+        ));
+        case.countersign(operator, digest, digest, WITH_OPERATOR)
+            .unwrap();
+        assert_eq!(case.stage(Some(digest), WITH_OPERATOR), Stage::Approved);
+    }
+
+    #[test]
+    fn nobody_but_a_surgeon_approves_first() {
+        let mut case = approved();
+        case.replace_plan(plan()).unwrap();
+        let digest = digest(3);
+        for role in [Role::Viewer, Role::Operator, Role::Service] {
+            assert!(matches!(
+                case.approve(signatory("Olsen", role), digest, digest, WITH_OPERATOR),
+                Err(Error::SurgeonMustSign { .. })
+            ));
+        }
+        assert!(matches!(
+            case.countersign(
+                signatory("Olsen", Role::Operator),
+                digest,
+                digest,
+                WITH_OPERATOR
+            ),
+            Err(Error::NotApproved { .. })
+        ));
+        assert!(case.approval.is_none());
+    }
+
+    #[test]
+    fn a_second_name_under_another_digest_does_not_count() {
+        let mut case = approved();
+        assert!(matches!(
+            case.approve(surgeon("Dr. Brown"), digest(3), digest(4), TWO_SURGEONS),
+            Err(Error::DigestMismatch { .. })
+        ));
+        // Another plan in force: the first name has to be put to it anew.
+        case.approve(surgeon("Dr. Brown"), digest(4), digest(4), TWO_SURGEONS)
+            .unwrap();
+        assert_eq!(case.stage(Some(digest(4)), TWO_SURGEONS), Stage::Planned);
     }
 
     #[test]
     fn another_model_voids_everything_behind_it() {
         let mut case = approved();
         case.replace_model(model());
-        assert_eq!(case.stage(None), Stage::Ready);
+        assert_eq!(case.stage(None, ONE), Stage::Ready);
         assert!(case.approval.is_none() && case.plan.is_none());
     }
 
@@ -329,7 +503,7 @@ mod tests {
     fn another_registration_has_to_be_accepted_anew() {
         let mut case = approved();
         case.register(registration(Verdict::Accept)).unwrap();
-        assert_eq!(case.stage(None), Stage::Registered);
+        assert_eq!(case.stage(None, ONE), Stage::Registered);
         assert!(matches!(case.replace_plan(plan()), Err(Error::NotAccepted)));
     }
 
@@ -337,13 +511,13 @@ mod tests {
     fn a_revised_plan_is_not_approved() {
         let mut case = approved();
         case.replace_plan(plan()).unwrap();
-        assert_eq!(case.stage(Some(digest(3))), Stage::Planned);
+        assert_eq!(case.stage(Some(digest(3)), ONE), Stage::Planned);
     }
 
     #[test]
     fn an_approval_of_another_digest_does_not_count() {
         let case = approved();
-        assert_eq!(case.stage(Some(digest(4))), Stage::Planned);
+        assert_eq!(case.stage(Some(digest(4)), ONE), Stage::Planned);
     }
 
     #[test]
@@ -361,7 +535,7 @@ mod tests {
         let mut case = approved();
         case.replace_plan(plan()).unwrap();
         assert!(matches!(
-            case.approve("surgeon".to_owned(), digest(3), digest(4)),
+            case.approve(surgeon("Dr. Adams"), digest(3), digest(4), ONE),
             Err(Error::DigestMismatch { .. })
         ));
         assert!(case.approval.is_none());

@@ -4,6 +4,7 @@
 //! the procedure ([`Run`]); everything else is a wish to that task. An interrupted procedure has no
 //! owner: nothing moves until an operator recovers it, and no other can start.
 
+mod command;
 mod decisions;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,10 +13,11 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 
 use crate::approval::Digest;
+use crate::audit::{Audit, witness};
 use crate::cases::Cases;
 use crate::clients::{Acted, Clients};
 use crate::error::{Error, Result};
-use crate::journal::Journal;
+use crate::journal::{Duty, Journal};
 use crate::procedure::perform::Performer;
 use crate::procedure::recovery::Action;
 use crate::procedure::sequencer::{Approval, Interruption, Run, Wish};
@@ -31,8 +33,11 @@ struct Shared {
     journal: Arc<dyn Journal>,
     cases: Cases,
     clients: Clients,
+    audit: Audit,
     /// The procedure that is not over, if there is one.
     open: Mutex<Option<Open>>,
+    /// Whether this gateway may command; see [`command`].
+    duty: watch::Sender<Duty>,
     /// Held while a start or recovery is being decided.
     deciding: tokio::sync::Mutex<()>,
     /// Counts the stops, so that one that comes while a start is being decided is not lost.
@@ -50,48 +55,26 @@ struct Open {
 
 impl Procedures {
     /// Takes over what the journal holds: a procedure that was under way when the last gateway ended is interrupted
-    /// where it stood. Nothing moves.
+    /// where it stood. Nothing moves. A gateway that is not in command does so when it comes into command.
     pub async fn take_over(
         journal: Arc<dyn Journal>,
         cases: Cases,
         clients: Clients,
+        audit: Audit,
     ) -> Result<Self> {
-        let mut open = None;
-        for mut procedure in journal.procedures().await? {
-            if procedure.state.is_under_way() {
-                procedure.interrupt(&Interruption {
-                    reason: "GATEWAY_RESTARTED".to_owned(),
-                    detail: format!(
-                        "the gateway ended while the procedure was {}",
-                        procedure.state
-                    ),
-                    acted: Acted::Perhaps,
-                });
-                match &procedure.step {
-                    Some(step) => journal.end_step(&procedure, step, None).await?,
-                    None => journal.save_procedure(&procedure).await?,
-                }
-                tracing::warn!(
-                    procedure_id = procedure.id,
-                    "procedure interrupted by a restart"
-                );
-            }
-            if procedure.state == State::Interrupted {
-                open = Some(Open {
-                    published: watch::Sender::new(procedure),
-                    wish: watch::Sender::new(Wish::Run),
-                });
-            }
-        }
-        Ok(Self(Arc::new(Shared {
+        let this = Self(Arc::new(Shared {
             journal,
             cases,
             clients,
-            open: Mutex::new(open),
+            audit,
+            open: Mutex::default(),
+            duty: watch::Sender::new(Duty::nobody()),
             deciding: tokio::sync::Mutex::default(),
             stops: AtomicU64::new(0),
             recorder: OnceLock::new(),
-        })))
+        }));
+        this.begin().await?;
+        Ok(this)
     }
 
     /// Has every procedure recorded from now on.
@@ -173,6 +156,15 @@ impl Procedures {
     /// Interrupts what is under way because the gateway ends; resolves when it is written.
     pub async fn leave(&self) {
         self.halt("GATEWAY_STOPPING", "the gateway was told to end");
+        self.halted().await;
+        if let Err(error) = self.0.journal.leave().await {
+            // Its lease runs out.
+            tracing::warn!(%error, "command was not given up");
+        }
+    }
+
+    /// Resolves when nothing is under way.
+    async fn halted(&self) {
         if let Some(published) = self.publisher() {
             let mut watching = published.subscribe();
             drop(published);
@@ -216,7 +208,8 @@ impl Procedures {
         Ok(watch::channel(self.get(procedure_id).await?).1)
     }
 
-    async fn get(&self, procedure_id: &str) -> Result<Procedure> {
+    /// The procedure as it stands. An open one is not read from the journal.
+    pub async fn get(&self, procedure_id: &str) -> Result<Procedure> {
         match self.latest() {
             Some(open) if open.id == procedure_id => Ok(open),
             _ => self
@@ -320,6 +313,12 @@ impl Procedures {
             end,
         };
         let mut open = self.open();
+        let followed = open
+            .as_ref()
+            .is_some_and(|open| open.published.same_channel(&published));
+        if !followed {
+            tokio::spawn(witness::follow(self.0.audit.clone(), published.subscribe()));
+        }
         if self.stops() != stops_before {
             wish.send_replace(Wish::Stop(
                 "STOPPED",

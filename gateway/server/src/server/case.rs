@@ -5,6 +5,7 @@ mod uploads;
 
 use std::sync::Arc;
 
+use arthro_bootstrap::Caller;
 use arthro_proto::common::v1::Frame;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::case_service_server::CaseService;
@@ -14,13 +15,17 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::procedure::digest;
-use super::{Answers, id, refuse, text};
+use super::{Answers, id, person, refuse, text};
+use crate::approval::{Approval, Signatory};
+use crate::aside::aside;
+use crate::audit::Who;
 use crate::cases::case::{Case, Stage};
 use crate::cases::{Cases, surface};
 use crate::clients::{Clients, replicas};
 use crate::config::Jaw;
 use crate::error::{Error, Result as DomainResult};
 use crate::journal::Blob;
+use crate::wall_clock::now_ms;
 use crate::wire;
 
 /// Uploads and computations that hold a model or a cloud in memory at the same time.
@@ -69,13 +74,16 @@ impl CaseApi {
         proto::Case {
             case_id: case.id.clone(),
             label: case.label.clone(),
-            state: stage_message(case.stage(plan_digest)).into(),
+            state: stage_message(case.stage(plan_digest, self.cases.policy())).into(),
             created_at_ms: case.created_at_ms,
             model_digest: text(case.model.as_ref().map(|model| model.digest)),
             scene_digest: text(case.scene.as_ref().map(|scene| scene.digest)),
             plan_digest: text(plan_digest),
-            approved_by: approval.map_or_else(String::new, |approval| approval.surgeon.clone()),
+            approved_by: approval
+                .map_or_else(String::new, |approval| approval.surgeon.name.clone()),
             approved_digest: text(approval.map(|approval| approval.digest)),
+            approvals: approval.map_or_else(Vec::new, approval_messages),
+            approvals_needed: self.cases.policy().persons.into(),
         }
     }
 }
@@ -158,9 +166,10 @@ impl CaseService for CaseApi {
         &self,
         request: Request<proto::AcceptRegistrationRequest>,
     ) -> Result<Response<proto::AcceptRegistrationResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let case_id = id("case_id", request.case_id).map_err(refuse)?;
-        let operator = text("operator", request.operator, 100).map_err(refuse)?;
+        let operator = person(&caller, "operator", request.operator).map_err(refuse)?;
         let case = self
             .cases
             .accept(&case_id, operator)
@@ -207,12 +216,30 @@ impl CaseService for CaseApi {
         &self,
         request: Request<proto::ApprovePlanRequest>,
     ) -> Result<Response<proto::ApprovePlanResponse>, Status> {
+        let (caller, who) = (Caller::of(request.extensions()), who(&request));
         let request = request.into_inner();
         let case_id = id("case_id", request.case_id).map_err(refuse)?;
         let seen = digest("plan_digest", &request.plan_digest).map_err(refuse)?;
-        let surgeon = text("surgeon", request.surgeon, 100).map_err(refuse)?;
-        let case = self.cases.approve(&case_id, surgeon, seen).await;
+        let name = person(&caller, "surgeon", request.surgeon).map_err(refuse)?;
+        let surgeon = Signatory::new(&caller, name, now_ms());
+        let case = self.cases.approve(&case_id, surgeon, who, seen).await;
         Ok(Response::new(proto::ApprovePlanResponse {
+            case: Some(self.message(&case.map_err(refuse)?)),
+        }))
+    }
+
+    async fn countersign_plan(
+        &self,
+        request: Request<proto::CountersignPlanRequest>,
+    ) -> Result<Response<proto::CountersignPlanResponse>, Status> {
+        let (caller, who) = (Caller::of(request.extensions()), who(&request));
+        let request = request.into_inner();
+        let case_id = id("case_id", request.case_id).map_err(refuse)?;
+        let seen = digest("plan_digest", &request.plan_digest).map_err(refuse)?;
+        let name = person(&caller, "person", request.person).map_err(refuse)?;
+        let person = Signatory::new(&caller, name, now_ms());
+        let case = self.cases.countersign(&case_id, person, who, seen).await;
+        Ok(Response::new(proto::CountersignPlanResponse {
             case: Some(self.message(&case.map_err(refuse)?)),
         }))
     }
@@ -246,7 +273,8 @@ impl CaseApi {
         use registration::register_response::Event;
         let (_, scene) = case.model_and_scene()?;
         let model = self.cases.packed_model(&case.id).await?;
-        let source = surface::sample(&surface::mesh(&model.vertices, &model.triangles));
+        let source =
+            aside(move || surface::sample(&surface::mesh(&model.vertices, &model.triangles))).await;
         let target = self.cases.blob(&case.id, Blob::Scene).await?;
         let options = registration::RegisterOptions {
             source: Some(wire::cloud_header(Frame::Ct, source.point_count, true)),
@@ -300,7 +328,7 @@ impl CaseApi {
 }
 
 /// Runs `work` in a task of its own, which is dropped, and its computation with it, when the client goes.
-fn streamed<T, W, F>(work: W) -> Answers<T>
+pub(super) fn streamed<T, W, F>(work: W) -> Answers<T>
 where
     T: Send + 'static,
     W: FnOnce(mpsc::Sender<Result<T, Status>>) -> F + Send + 'static,
@@ -330,6 +358,26 @@ fn begun_anew_message(anew: replicas::BegunAnew) -> proto::BegunAnew {
         times: anew.times,
         lost_replica: anew.lost,
         detail: anew.detail,
+    }
+}
+
+fn approval_messages(approval: &Approval) -> Vec<proto::PlanApproval> {
+    let signatories = std::iter::once(&approval.surgeon).chain(&approval.second);
+    signatories
+        .map(|signatory| proto::PlanApproval {
+            name: signatory.name.clone(),
+            role: signatory.role.clone(),
+            at_ms: signatory.at_ms,
+        })
+        .collect()
+}
+
+/// Who calls, for the record.
+fn who<T>(request: &Request<T>) -> Who {
+    let peer = request.remote_addr();
+    Who {
+        peer: peer.map_or_else(String::new, |peer| peer.to_string()),
+        ..Who::from(&Caller::of(request.extensions()))
     }
 }
 

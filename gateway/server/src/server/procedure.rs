@@ -1,12 +1,16 @@
 //! `ProcedureService`.
 
+pub(super) mod watch;
+
+use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1::procedure_service_server::ProcedureService;
 use arthro_proto::gateway::v1::{self as proto};
+use prost::Message as _;
 use tokio_stream::StreamExt as _;
-use tokio_stream::wrappers::WatchStream;
 use tonic::{Request, Response, Status};
 
-use super::{Answers, Violations, id, refuse, text};
+use self::watch::Watch;
+use super::{Answers, Violations, id, person, refuse};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
 use crate::procedure::control::Procedures;
@@ -16,11 +20,11 @@ use crate::procedure::{Procedure, State};
 use crate::wire;
 
 /// Serves the procedures.
-pub(super) struct ProcedureApi(Procedures);
+pub(super) struct ProcedureApi(Procedures, Watch);
 
 impl ProcedureApi {
-    pub(super) fn new(procedures: Procedures) -> Self {
-        Self(procedures)
+    fn new(procedures: Procedures, watch: Watch) -> Self {
+        Self(procedures, watch)
     }
 }
 
@@ -30,11 +34,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::StartProcedureRequest>,
     ) -> Result<Response<proto::StartProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let case_id = violations.check(id("case_id", request.case_id));
         let digest = violations.check(digest("plan_digest", &request.plan_digest));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(case_id), Some(digest), Some(operator)) = (case_id, digest, operator) else {
             return Err(refuse(Error::Invalid(Vec::new())));
@@ -98,11 +103,12 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::RecoverProcedureRequest>,
     ) -> Result<Response<proto::RecoverProcedureResponse>, Status> {
+        let caller = Caller::of(request.extensions());
         let request = request.into_inner();
         let mut violations = Violations::default();
         let action = violations.check(action(request.action()));
         let procedure_id = violations.check(id("procedure_id", request.procedure_id));
-        let operator = violations.check(text("operator", request.operator, 100));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         violations.finish().map_err(refuse)?;
         let (Some(procedure_id), Some(action), Some(operator)) = (procedure_id, action, operator)
         else {
@@ -116,18 +122,27 @@ impl ProcedureService for ProcedureApi {
 
     type WatchProcedureStream = Answers<proto::WatchProcedureResponse>;
 
+    /// For whoever serves these methods without [`watch::Watched`] before them.
     async fn watch_procedure(
         &self,
         request: Request<proto::WatchProcedureRequest>,
     ) -> Result<Response<Self::WatchProcedureStream>, Status> {
-        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
-        let procedures = self.0.watch(&procedure_id).await.map_err(refuse)?;
-        let answers = WatchStream::new(procedures).map(|procedure| {
-            Ok(proto::WatchProcedureResponse {
-                procedure: Some(procedure_message(&procedure)),
-            })
+        let answers = self.1.states(request.into_inner()).await?.map(|state| {
+            proto::WatchProcedureResponse::decode(state?)
+                .map_err(|error| Status::internal(error.to_string()))
         });
         Ok(Response::new(Box::pin(answers)))
+    }
+
+    async fn get_procedure(
+        &self,
+        request: Request<proto::GetProcedureRequest>,
+    ) -> Result<Response<proto::GetProcedureResponse>, Status> {
+        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
+        let procedure = self.0.get(&procedure_id).await.map_err(refuse)?;
+        Ok(Response::new(proto::GetProcedureResponse {
+            procedure: Some(procedure_message(&procedure)),
+        }))
     }
 
     async fn list_procedures(

@@ -4,13 +4,15 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use arthro_bootstrap::{Drain, Service as _, status};
+use arthro_bootstrap::{Host, Service as _, status};
 use arthro_gateway::config::{Calibration, Config, Pose};
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::audit_service_client::AuditServiceClient;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
+use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
@@ -24,7 +26,8 @@ pub struct Bench {
     pub cases: CaseServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
     pub channel: Channel,
-    config: Config,
+    pub audit: AuditServiceClient<Channel>,
+    pub config: Config,
     runtime: Option<Runtime>,
     _folder: TempDir,
 }
@@ -37,7 +40,7 @@ impl Bench {
     pub async fn with(configure: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let journal = folder.path().join("gateway.sqlite");
-        let world = World::new(journal.clone());
+        let world = World::new(journal.clone().into());
         let address = world.serve().await;
         let mut config = Config {
             registration: address.clone().into(),
@@ -49,13 +52,21 @@ impl Bench {
         };
         configure(&mut config);
         let (runtime, channel) = gateway(config.clone()).await;
+        let mut bench = Self::at(channel, world, config, folder);
+        bench.runtime = Some(runtime);
+        bench
+    }
+
+    /// A client of a gateway that runs elsewhere.
+    pub fn at(channel: Channel, world: Arc<World>, config: Config, folder: TempDir) -> Self {
         Self {
             world,
             cases: CaseServiceClient::new(channel.clone()),
             procedures: ProcedureServiceClient::new(channel.clone()),
+            audit: AuditServiceClient::new(channel.clone()),
             channel,
             config,
-            runtime: Some(runtime),
+            runtime: None,
             _folder: folder,
         }
     }
@@ -75,6 +86,7 @@ impl Bench {
         self.runtime = Some(runtime);
         self.cases = CaseServiceClient::new(channel.clone());
         self.procedures = ProcedureServiceClient::new(channel.clone());
+        self.audit = AuditServiceClient::new(channel.clone());
         self.channel = channel;
     }
 
@@ -170,6 +182,59 @@ impl Bench {
         (case_id, digest)
     }
 
+    // === the audit ===
+
+    /// All entries from the first on.
+    pub async fn entries(&mut self) -> Vec<proto::AuditEntry> {
+        let request = proto::ListEntriesRequest {
+            page_size: 1000,
+            ..proto::ListEntriesRequest::default()
+        };
+        let listed = self.audit.list_entries(request).await.unwrap();
+        let entries = listed.into_inner().entries;
+        entries
+            .into_iter()
+            .map(|listed| listed.entry.unwrap())
+            .collect()
+    }
+
+    /// Reads the audit until there is an entry like this one. What ends a call is written after its answer.
+    pub async fn entry(
+        &mut self,
+        wanted: impl Fn(&proto::AuditEntry) -> bool,
+    ) -> proto::AuditEntry {
+        let read = async {
+            loop {
+                let found = self.entries().await.into_iter().find(|entry| wanted(entry));
+                match found {
+                    Some(entry) => return entry,
+                    None => tokio::task::yield_now().await,
+                }
+            }
+        };
+        match tokio::time::timeout(PATIENCE, read).await {
+            Ok(entry) => entry,
+            Err(_) => panic!("there is no such entry in {:#?}", self.entries().await),
+        }
+    }
+
+    /// What the gateway itself finds.
+    pub async fn verdict(&mut self) -> proto::AuditVerdict {
+        let request = proto::VerifyChainRequest {};
+        let mut answers = self.audit.verify_chain(request).await.unwrap().into_inner();
+        let mut verdict = None;
+        while let Some(answer) = answers.message().await.unwrap() {
+            verdict = answer.verdict;
+        }
+        verdict.unwrap()
+    }
+
+    /// The journal's file, as somebody else on this machine opens it.
+    pub async fn intrude(&self) -> SqliteConnection {
+        let url = format!("sqlite://{}", self.config.journal);
+        SqliteConnection::connect(&url).await.unwrap()
+    }
+
     // === a procedure ===
 
     pub async fn start(&mut self, case_id: &str, digest: &str) -> Result<String, Status> {
@@ -196,6 +261,7 @@ impl Bench {
     ) -> proto::Procedure {
         let request = proto::WatchProcedureRequest {
             procedure_id: procedure_id.to_owned(),
+            ..proto::WatchProcedureRequest::default()
         };
         let mut watching = self
             .procedures
@@ -263,7 +329,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
         .unwrap();
     let address = runtime
         .spawn(async move {
-            let routes = arthro_gateway::Server::build(config, Drain::never())
+            let routes = arthro_gateway::Server::build(config, Host::alone())
                 .await
                 .unwrap();
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -286,7 +352,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
 
 fn config(journal: PathBuf) -> Config {
     Config {
-        journal,
+        journal: journal.into(),
         ..Config::default()
     }
 }

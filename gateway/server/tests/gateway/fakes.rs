@@ -7,11 +7,11 @@ mod instrument;
 mod motion;
 pub mod replica;
 
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use arthro_bootstrap::status;
+use arthro_gateway::journal::Place;
 use arthro_geometry::{Point3, Rotation, Vector3};
 use arthro_proto::common::v1::{Authorization, Operation, OperationState};
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;
@@ -20,7 +20,7 @@ use arthro_proto::planning::v1::PlanResectionOptions;
 use arthro_proto::planning::v1::planning_service_server::PlanningServiceServer;
 use arthro_proto::registration::v1::Verdict;
 use arthro_proto::registration::v1::registration_service_server::RegistrationServiceServer;
-use sqlx::{Connection as _, SqliteConnection};
+use sqlx::{AnyConnection, Connection as _};
 use tokio::sync::watch;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::Status;
@@ -31,7 +31,7 @@ pub const PATIENCE: Duration = Duration::from_secs(20);
 /// What the stand-ins know and have seen.
 pub struct World {
     /// The gateway's journal, read when a command arrives.
-    pub journal: PathBuf,
+    pub journal: Place,
     /// Every command in order, e.g. "INSERT FORCEPS".
     pub commands: watch::Sender<Vec<String>>,
     /// Commands that arrived before their intention was in the journal.
@@ -89,7 +89,7 @@ pub struct Tokens {
 }
 
 impl World {
-    pub fn new(journal: PathBuf) -> Arc<Self> {
+    pub fn new(journal: Place) -> Arc<Self> {
         let arm = |x: f64| FakeArm {
             rotation: Rotation::identity(),
             tip: Point3::new(x, -300.0, 400.0),
@@ -197,10 +197,14 @@ impl World {
 
     /// Whether the journal, read by a connection of its own, holds the step as INTENDED.
     async fn is_intended(&self, step_id: &str) -> bool {
-        let url = format!("sqlite:{}?mode=ro", self.journal.display());
-        let mut connection = SqliteConnection::connect(&url).await.unwrap();
+        sqlx::any::install_default_drivers();
+        let url = match &self.journal {
+            Place::File(path) => format!("sqlite:{}?mode=ro", path.display()),
+            Place::Postgres(address) => address.clone(),
+        };
+        let mut connection = AnyConnection::connect(&url).await.unwrap();
         let state: Option<String> =
-            sqlx::query_scalar("SELECT state FROM steps WHERE operation_id = ?")
+            sqlx::query_scalar("SELECT state FROM steps WHERE operation_id = $1")
                 .bind(step_id)
                 .fetch_optional(&mut connection)
                 .await

@@ -5,12 +5,19 @@
     reason = "clippy.toml allows them in tests, which leaves out the stand-ins that tests share"
 )]
 
+mod approval;
+mod audit;
 mod bench;
 mod cases;
 mod crash;
+mod failover;
 mod fakes;
 mod input;
 mod plans;
+#[path = "../shared/postgres.rs"]
+mod postgres;
 mod procedure;
 mod recording;
 mod replicas;
+mod storage;
+mod watch;

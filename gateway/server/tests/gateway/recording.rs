@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use arthro_bootstrap::{Drain, Service as _, status};
+use arthro_bootstrap::{Host, Service as _, status};
 use arthro_gateway::recording::read::Lines;
 use arthro_gateway::recording::summary::Summary;
 use arthro_gateway::recording::topics::Topic;
@@ -179,7 +179,7 @@ async fn replayed(file: &Path) -> Channel {
         speed: 1000.0,
         ..replay::Config::default()
     };
-    let routes = replay::Server::build(config, Drain::never()).await.unwrap();
+    let routes = replay::Server::build(config, Host::alone()).await.unwrap();
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let server = tonic::transport::Server::builder()
@@ -198,6 +198,7 @@ async fn watched(channel: &Channel, procedure_id: &str) -> Vec<proto::Procedure>
     let mut procedures = ProcedureServiceClient::new(channel.clone());
     let request = proto::WatchProcedureRequest {
         procedure_id: procedure_id.to_owned(),
+        ..proto::WatchProcedureRequest::default()
     };
     let mut states = loop {
         // Until the first line is due there is no procedure.
@@ -307,7 +308,7 @@ async fn what_is_no_recording_is_refused() {
             files: vec![file.clone()],
             ..replay::Config::default()
         };
-        let refusal = replay::Server::build(config, Drain::never())
+        let refusal = replay::Server::build(config, Host::alone())
             .await
             .unwrap_err()
             .to_string();

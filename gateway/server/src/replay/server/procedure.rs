@@ -89,6 +89,15 @@ impl ProcedureService for ProcedureApi {
         Ok(Response::new(Box::pin(states)))
     }
 
+    async fn get_procedure(
+        &self,
+        request: Request<proto::GetProcedureRequest>,
+    ) -> Result<Response<proto::GetProcedureResponse>, Status> {
+        Ok(Response::new(proto::GetProcedureResponse {
+            procedure: Some(self.get(&request.into_inner().procedure_id)?),
+        }))
+    }
+
     async fn list_procedures(
         &self,
         _: Request<proto::ListProceduresRequest>,

@@ -1,13 +1,17 @@
 //! The two uploads of `CaseService`: header first, then chunks, refused from the header when too
 //! large, and nothing kept unless everything passed.
 
+use std::time::Duration;
+
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::registration::v1 as registration;
+use tokio::time::Instant;
 use tonic::{Status, Streaming};
 
 use super::super::{Violations, id, refuse};
 use super::CaseApi;
+use crate::aside::aside;
 use crate::cases::Scene;
 use crate::cases::case::Case;
 use crate::cases::upload::{
@@ -23,17 +27,22 @@ const POINT_WITH_NORMAL_BYTES: usize = 24;
 const TRIANGLE_BYTES: usize = 12;
 /// Fewest vertices and triangles of a closed surface.
 const CLOSED_SURFACE_MIN: u32 = 4;
+/// An upload that sends nothing for this long is given up.
+const SILENCE_LIMIT: Duration = Duration::from_secs(10);
+/// The whole of an upload: 48 MB at 1.6 Mbit/s.
+const UPLOAD_LIMIT: Duration = Duration::from_secs(240);
 /// Coarsest grid of a lesion, mm.
 const LESION_SPACING_MAX_MM: f64 = 10.0;
 
 impl CaseApi {
     pub(super) async fn receive_model(
         &self,
-        mut stream: Streaming<proto::UploadModelRequest>,
+        stream: Streaming<proto::UploadModelRequest>,
     ) -> Result<Case, Status> {
+        let mut stream = Incoming::new(stream);
         use common::mesh_chunk::Part;
         use proto::upload_model_request::Payload;
-        let Some(Payload::Header(header)) = stream.message().await?.and_then(|first| first.payload)
+        let Some(Payload::Header(header)) = stream.next().await?.and_then(|first| first.payload)
         else {
             return Err(refuse(header_missing()));
         };
@@ -48,7 +57,7 @@ impl CaseApi {
             model.triangle_count as usize * TRIANGLE_BYTES,
         );
         let mut lesion = Announced::new("lesion", model.lesion_count as usize * POINT_BYTES);
-        while let Some(message) = stream.message().await? {
+        while let Some(message) = stream.next().await? {
             match message.payload {
                 Some(Payload::Mesh(chunk)) => match chunk.part {
                     Some(Part::Vertices(bytes)) => vertices.push(&bytes),
@@ -61,7 +70,8 @@ impl CaseApi {
             }
             .map_err(refuse)?;
         }
-        let finish = || -> DomainResult<PackedModel> {
+        let vertex_count = model.vertex_count;
+        let finish = move || -> DomainResult<PackedModel> {
             let packed = PackedModel {
                 vertices: vertices.finish()?,
                 triangles: triangles.finish()?,
@@ -69,11 +79,11 @@ impl CaseApi {
             };
             check_points("mesh.vertices", &packed.vertices, false)?;
             check_extent("mesh.vertices", &positions(&packed.vertices, false))?;
-            check_triangles("mesh.triangles", &packed.triangles, model.vertex_count)?;
+            check_triangles("mesh.triangles", &packed.triangles, vertex_count)?;
             check_points("lesion", &packed.lesion, false)?;
             Ok(packed)
         };
-        let packed = finish().map_err(refuse)?;
+        let packed = aside(finish).await.map_err(refuse)?;
         self.cases
             .store_model(&model.case_id, packed, model.lesion_spacing_mm)
             .await
@@ -82,11 +92,12 @@ impl CaseApi {
 
     pub(super) async fn receive_scene(
         &self,
-        mut stream: Streaming<proto::UploadSceneRequest>,
+        stream: Streaming<proto::UploadSceneRequest>,
     ) -> Result<Case, Status> {
+        let mut stream = Incoming::new(stream);
         use proto::scene_header::Scene as Announcement;
         use proto::upload_scene_request::Payload;
-        let Some(Payload::Header(header)) = stream.message().await?.and_then(|first| first.payload)
+        let Some(Payload::Header(header)) = stream.next().await?.and_then(|first| first.payload)
         else {
             return Err(refuse(header_missing()));
         };
@@ -104,7 +115,7 @@ impl CaseApi {
         let mut points = Announced::new("points", points_bytes);
         let mut depth = Announced::new("depth", depth_bytes);
         let mut mask = Announced::new("mask", mask_bytes);
-        while let Some(message) = stream.message().await? {
+        while let Some(message) = stream.next().await? {
             match message.payload {
                 Some(Payload::Points(bytes)) => points.push(&bytes),
                 Some(Payload::Depth(bytes)) => depth.push(&bytes),
@@ -127,8 +138,13 @@ impl CaseApi {
                 self.deproject(header, depth, mask).await.map_err(refuse)?
             }
         };
-        check_points("points", &scene.points, scene.has_normals).map_err(refuse)?;
-        check_extent("points", &positions(&scene.points, scene.has_normals)).map_err(refuse)?;
+        let scene = aside(move || -> DomainResult<Scene> {
+            check_points("points", &scene.points, scene.has_normals)?;
+            check_extent("points", &positions(&scene.points, scene.has_normals))?;
+            Ok(scene)
+        })
+        .await
+        .map_err(refuse)?;
         self.cases
             .store_scene(&case_id, scene)
             .await
@@ -160,6 +176,32 @@ impl CaseApi {
             has_normals: cloud.has_normals,
             points: cloud.points,
         })
+    }
+}
+
+/// A client's messages, each of which must come in time: an upload that says nothing would keep others out.
+struct Incoming<M> {
+    stream: Streaming<M>,
+    ends: Instant,
+}
+
+impl<M> Incoming<M> {
+    fn new(stream: Streaming<M>) -> Self {
+        Self {
+            stream,
+            ends: Instant::now() + UPLOAD_LIMIT,
+        }
+    }
+
+    async fn next(&mut self) -> Result<Option<M>, Status> {
+        let limit = self.ends.min(Instant::now() + SILENCE_LIMIT);
+        match tokio::time::timeout_at(limit, self.stream.message()).await {
+            Ok(message) => message,
+            Err(_) => Err(refuse(Error::UploadTooSlow {
+                silence_s: SILENCE_LIMIT.as_secs(),
+                whole_s: UPLOAD_LIMIT.as_secs(),
+            })),
+        }
     }
 }
 

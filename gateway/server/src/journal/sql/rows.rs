@@ -4,11 +4,12 @@
 use arthro_geometry::Point3;
 use arthro_proto::planning::v1::ResectionPlan;
 use arthro_proto::registration::v1::RegistrationResult;
+use bytes::Bytes;
 use prost::Message as _;
 use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
+use sqlx::any::AnyRow;
 
-use crate::approval::{Approval, Digest};
+use crate::approval::{Approval, Digest, Signatory};
 use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
 use crate::config::Jaw;
 use crate::journal::JournalError;
@@ -16,13 +17,13 @@ use crate::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use crate::procedure::{Procedure, State};
 use crate::wire;
 
-/// SQLite's integers are signed.
+/// The databases' integers are signed.
 pub fn integer(value: u64) -> i64 {
     i64::try_from(value).unwrap_or(i64::MAX)
 }
 
 /// A row of `cases`.
-pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
+pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
     let key = Key::new("cases", row.try_get("case_id")?);
     let model = match row.try_get::<Option<String>, _>("model_digest")? {
         None => None,
@@ -35,8 +36,8 @@ pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
         None => None,
         Some(digest) => Some(SceneInfo {
             digest: key.parsed("scene_digest", &digest, Digest::parse)?,
-            point_count: row.try_get("scene_point_count")?,
-            has_normals: row.try_get("scene_has_normals")?,
+            point_count: key.count(row, "scene_point_count")?,
+            has_normals: row.try_get::<i64, _>("scene_has_normals")? != 0,
         }),
     };
     let registration = match row.try_get::<Option<Vec<u8>>, _>("registration")? {
@@ -50,7 +51,17 @@ pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
     let approval = match row.try_get::<Option<String>, _>("approved_digest")? {
         None => None,
         Some(digest) => Some(Approval {
-            surgeon: row.try_get("approved_by")?,
+            surgeon: Signatory {
+                name: row.try_get("approved_by")?,
+                // Approvals from before roles were kept came without a certificate.
+                role: row
+                    .try_get::<Option<String>, _>("approved_role")?
+                    .unwrap_or_else(|| "local".to_owned()),
+                at_ms: row
+                    .try_get::<Option<i64>, _>("approved_at_ms")?
+                    .unwrap_or_default(),
+            },
+            second: second(row)?,
             digest: key.parsed("approved_digest", &digest, Digest::parse)?,
         }),
     };
@@ -68,18 +79,34 @@ pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
     })
 }
 
+fn second(row: &AnyRow) -> Result<Option<Signatory>, JournalError> {
+    let Some(name) = row.try_get::<Option<String>, _>("countersigned_by")? else {
+        return Ok(None);
+    };
+    Ok(Some(Signatory {
+        name,
+        role: row.try_get("countersigned_role")?,
+        at_ms: row.try_get("countersigned_at_ms")?,
+    }))
+}
+
 fn registration(key: &Key, encoded: &[u8]) -> Result<Registration, JournalError> {
     let result = RegistrationResult::decode(encoded)
         .map_err(|error| key.damaged("registration", error.to_string()))?;
-    wire::registration(result).map_err(|violation| {
+    let registration = wire::registration(result).map_err(|violation| {
         key.damaged(
             "registration",
             format!("{} {}", violation.field, violation.description),
         )
+    })?;
+    // As it stands here, so that a bit that decodes to the same is another digest all the same.
+    Ok(Registration {
+        encoded: Bytes::copy_from_slice(encoded),
+        ..registration
     })
 }
 
-fn plan(key: &Key, row: &SqliteRow, encoded: &[u8]) -> Result<Plan, JournalError> {
+fn plan(key: &Key, row: &AnyRow, encoded: &[u8]) -> Result<Plan, JournalError> {
     let message =
         ResectionPlan::decode(encoded).map_err(|error| key.damaged("plan", error.to_string()))?;
     let jaw = Jaw {
@@ -87,25 +114,29 @@ fn plan(key: &Key, row: &SqliteRow, encoded: &[u8]) -> Result<Plan, JournalError
         length_mm: row.try_get("plan_jaw_length_mm")?,
         throat_mm: row.try_get("plan_jaw_throat_mm")?,
     };
-    wire::plan(&message, jaw).map_err(|violation| {
+    let plan = wire::plan(&message, jaw).map_err(|violation| {
         key.damaged(
             "plan",
             format!("{} {}", violation.field, violation.description),
         )
+    })?;
+    Ok(Plan {
+        encoded: Bytes::copy_from_slice(encoded),
+        ..plan
     })
 }
 
 /// A row of `procedures`, without its latest step.
-pub fn procedure(row: &SqliteRow) -> Result<Procedure, JournalError> {
+pub fn procedure(row: &AnyRow) -> Result<Procedure, JournalError> {
     let key = Key::new("procedures", row.try_get("procedure_id")?);
     Ok(Procedure {
         case_id: row.try_get("case_id")?,
         operator: row.try_get("operator")?,
         state: key.parsed("state", row.try_get("state")?, State::parse)?,
         plan_digest: key.parsed("plan_digest", row.try_get("plan_digest")?, Digest::parse)?,
-        bites_planned: row.try_get("bites_planned")?,
-        next_bite: row.try_get("next_bite")?,
-        bites_done: row.try_get("bites_done")?,
+        bites_planned: key.count(row, "bites_planned")?,
+        next_bite: key.count(row, "next_bite")?,
+        bites_done: key.count(row, "bites_done")?,
         step: None,
         reason: row.try_get("reason")?,
         detail: row.try_get("detail")?,
@@ -118,13 +149,13 @@ pub fn procedure(row: &SqliteRow) -> Result<Procedure, JournalError> {
 }
 
 /// A row of `steps`.
-pub fn step(row: &SqliteRow) -> Result<Step, JournalError> {
+pub fn step(row: &AnyRow) -> Result<Step, JournalError> {
     let key = Key::new("steps", row.try_get("operation_id")?);
     Ok(Step {
-        sequence: row.try_get("sequence")?,
+        sequence: key.count(row, "sequence")?,
         planned: Planned {
             kind: key.parsed("kind", row.try_get("kind")?, Kind::parse)?,
-            bite: row.try_get("bite")?,
+            bite: key.optional_count(row, "bite")?,
         },
         state: key.parsed("state", row.try_get("state")?, StepState::parse)?,
         intended_at_ms: row.try_get("intended_at_ms")?,
@@ -137,9 +168,10 @@ pub fn step(row: &SqliteRow) -> Result<Step, JournalError> {
 }
 
 /// A row of `bite_outcomes`.
-pub fn bite_outcome(row: &SqliteRow) -> Result<BiteOutcome, JournalError> {
+pub fn bite_outcome(row: &AnyRow) -> Result<BiteOutcome, JournalError> {
+    let key = Key::new("bite_outcomes", row.try_get("procedure_id")?);
     Ok(BiteOutcome {
-        bite: row.try_get("bite")?,
+        bite: key.count(row, "bite")?,
         tip: Point3::new(
             row.try_get("tip_x_mm")?,
             row.try_get("tip_y_mm")?,
@@ -168,6 +200,26 @@ impl Key {
         parse: fn(&str) -> Option<T>,
     ) -> Result<T, JournalError> {
         parse(text).ok_or_else(|| self.damaged(column, text.to_owned()))
+    }
+
+    /// A count or index.
+    fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, JournalError> {
+        self.natural(column, row.try_get(column)?)
+    }
+
+    /// A count or index that may be absent.
+    fn optional_count(
+        &self,
+        row: &AnyRow,
+        column: &'static str,
+    ) -> Result<Option<u32>, JournalError> {
+        row.try_get::<Option<i64>, _>(column)?
+            .map(|value| self.natural(column, value))
+            .transpose()
+    }
+
+    fn natural(&self, column: &'static str, value: i64) -> Result<u32, JournalError> {
+        u32::try_from(value).map_err(|_| self.damaged(column, value.to_string()))
     }
 
     fn damaged(&self, column: &'static str, value: String) -> JournalError {

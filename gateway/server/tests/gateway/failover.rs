@@ -1,0 +1,293 @@
+//! Two gateways on one PostgreSQL, as processes that are killed and halted: exactly one commands, and the other takes
+//! over what is open, as interrupted.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use arthro_gateway::Config;
+use arthro_gateway::journal::Place;
+use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction, StepKind, StepState};
+use tonic::Status;
+use tonic::transport::Channel;
+
+use super::bench::{Bench, calibration, reason};
+use super::fakes::{PATIENCE, World};
+use super::postgres::Database;
+
+/// Asked of the other gateway after the death of the one in command.
+const TAKEOVER_LIMIT: Duration = Duration::from_secs(5);
+
+struct Pair {
+    world: Arc<World>,
+    first: Gateway,
+    second: Gateway,
+    _database: Database,
+}
+
+struct Gateway {
+    bench: Bench,
+    process: Child,
+}
+
+impl Pair {
+    /// The first is in command, the second on standby.
+    async fn new() -> Self {
+        let database = Database::new().await;
+        let world = World::new(Place::Postgres(database.address()));
+        let address = world.serve().await;
+        let config = Config {
+            journal: Place::Postgres(database.address()),
+            registration: address.clone(),
+            planning: address.clone(),
+            motion: address.clone(),
+            instrument: address,
+            calibration: Some(calibration()),
+            ..Config::default()
+        };
+        Self {
+            first: Gateway::start("first", &config, &world).await,
+            second: Gateway::start("second", &config, &world).await,
+            world,
+            _database: database,
+        }
+    }
+
+    /// The first performs a procedure, and the jaw of its first bite closes.
+    async fn in_mid_bite() -> (Self, String) {
+        let mut pair = Self::new().await;
+        pair.world.hold("BITE");
+        let procedure_id = pair.first.bench.started().await;
+        pair.world.arrived("BITE", 1).await;
+        (pair, procedure_id)
+    }
+}
+
+impl Gateway {
+    async fn start(name: &str, config: &Config, world: &Arc<World>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Config {
+            name: name.to_owned(),
+            ..config.clone()
+        };
+        let file = folder.path().join("cell.toml");
+        let sections = toml::Table::from_iter([(
+            "gateway".to_owned(),
+            toml::Value::try_from(&config).unwrap(),
+        )]);
+        std::fs::write(&file, sections.to_string()).unwrap();
+        let (process, address) = tokio::task::spawn_blocking(move || spawn(&file))
+            .await
+            .unwrap();
+        let channel = Channel::from_shared(format!("http://{address}"))
+            .unwrap()
+            .connect_lazy();
+        Self {
+            bench: Bench::at(channel, world.clone(), config, folder),
+            process,
+        }
+    }
+
+    fn signal(&self, signal: &str) {
+        let signalled = Command::new("sh")
+            .args(["-c", &format!("kill -{signal} {}", self.process.id())])
+            .status()
+            .unwrap();
+        assert!(signalled.success());
+    }
+
+    /// Asks until the gateway tells of the procedure in this state.
+    async fn tells(&mut self, procedure_id: &str, state: ProcedureState) -> proto::Procedure {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let procedure = self.bench.report(procedure_id).await.procedure.unwrap();
+            if procedure.state() == state {
+                return procedure;
+            }
+            assert!(
+                Instant::now() < until,
+                "never told of {state:?}: {procedure:?}"
+            );
+            tokio::task::yield_now().await;
+        }
+    }
+
+    async fn stop(&mut self) -> Result<(), Status> {
+        let request = proto::StopProcedureRequest::default();
+        self.bench
+            .procedures
+            .stop_procedure(request)
+            .await
+            .map(drop)
+    }
+}
+
+impl Drop for Gateway {
+    fn drop(&mut self) {
+        self.process.kill().ok();
+        self.process.wait().ok();
+    }
+}
+
+fn spawn(config: &Path) -> (Child, String) {
+    let mut process = Command::new(env!("CARGO_BIN_EXE_arthro-gateway"))
+        .arg("--config")
+        .arg(config)
+        .args(["--listen", "127.0.0.1:0", "--until-stdin-closes"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(process.stdout.take().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    let announced: serde_json::Value = serde_json::from_str(&line)
+        .unwrap_or_else(|error| panic!("the gateway said {line:?}: {error}"));
+    let address = announced["address"].as_str().unwrap().to_owned();
+    (process, address)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_two_gateways_exactly_one_commands() {
+    let mut pair = Pair::new().await;
+    let (case_id, digest) = pair.first.bench.approved().await;
+    let case = pair.second.bench.get(&case_id).await;
+    assert_eq!(case, pair.first.bench.get(&case_id).await);
+
+    let refused = pair.second.bench.start(&case_id, &digest).await;
+    let refusal = refused.as_ref().unwrap_err();
+    assert_eq!(refusal.code(), tonic::Code::FailedPrecondition);
+    assert!(
+        refusal.message().contains("in command is \"first\""),
+        "{refusal:?}"
+    );
+    assert_eq!(reason(refused), "NOT_IN_COMMAND");
+    let approving = pair.second.bench.approve(&case_id, &digest).await;
+    assert_eq!(reason(approving), "NOT_IN_COMMAND");
+    assert!(pair.world.commands().is_empty());
+
+    let procedure_id = pair.first.bench.start(&case_id, &digest).await.unwrap();
+    pair.first
+        .bench
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    pair.second
+        .tells(&procedure_id, ProcedureState::Completed)
+        .await;
+    assert!(pair.world.unjournalled.lock().unwrap().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_standby_stops_what_the_other_commands() {
+    let (mut pair, procedure_id) = Pair::in_mid_bite().await;
+    pair.second.stop().await.unwrap();
+    let procedure = pair
+        .first
+        .bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.step.unwrap().state(), StepState::InDoubt);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn when_the_one_in_command_is_killed_the_other_takes_over_as_interrupted() {
+    let (mut pair, procedure_id) = Pair::in_mid_bite().await;
+    let before = pair.world.commands();
+    let killed_at = Instant::now();
+    pair.first.signal("KILL");
+    let procedure = pair
+        .second
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    let took = killed_at.elapsed();
+    assert!(took <= TAKEOVER_LIMIT, "took over after {took:?}");
+    assert_eq!(procedure.reason, "GATEWAY_REPLACED");
+    let step = procedure.step.unwrap();
+    assert_eq!(
+        (step.kind(), step.state()),
+        (StepKind::Bite, StepState::InDoubt)
+    );
+    assert_eq!(pair.world.commands(), before, "nothing moves by itself");
+
+    pair.world.let_go();
+    let second = &mut pair.second.bench;
+    second
+        .recover(&procedure_id, RecoveryAction::MarkDone)
+        .await
+        .unwrap();
+    second
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    assert_eq!(pair.world.count("BITE"), 3);
+    assert!(pair.world.unjournalled.lock().unwrap().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_gateway_that_was_halted_and_comes_back_commands_no_more() {
+    let (mut pair, procedure_id) = Pair::in_mid_bite().await;
+    let halted_at = Instant::now();
+    pair.first.signal("STOP");
+    pair.second
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    let took = halted_at.elapsed();
+    assert!(took <= TAKEOVER_LIMIT, "took over after {took:?}");
+    let taken_over = pair.second.bench.report(&procedure_id).await;
+    let commands = pair.world.commands();
+
+    // The jaw's answer waits for the first: what it would write and command next is the fenced part.
+    pair.world.let_go();
+    pair.first.signal("CONT");
+    let again = pair
+        .first
+        .bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await;
+    let word = reason(again);
+    assert!(word == "NOT_IN_COMMAND" || word == "FENCED", "{word}");
+    pair.first
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(pair.world.commands(), commands);
+    assert_eq!(pair.second.bench.report(&procedure_id).await, taken_over);
+    assert_eq!(pair.first.bench.report(&procedure_id).await, taken_over);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_gateway_that_is_told_to_end_hands_over_at_once() {
+    let (mut pair, procedure_id) = Pair::in_mid_bite().await;
+    drop(pair.first.process.stdin.take());
+    let procedure = pair
+        .second
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "GATEWAY_STOPPING");
+    pair.world.let_go();
+    let until = Instant::now() + PATIENCE;
+    let recovered = loop {
+        let answer = pair
+            .second
+            .bench
+            .recover(&procedure_id, RecoveryAction::Withdraw)
+            .await;
+        match answer {
+            Err(refusal)
+                if Instant::now() < until
+                    && reason::<()>(Err(refusal.clone())) == "NOT_IN_COMMAND" =>
+            {
+                tokio::task::yield_now().await;
+            }
+            answer => break answer,
+        }
+    };
+    recovered.unwrap();
+    pair.second
+        .bench
+        .reaches(&procedure_id, ProcedureState::Aborted)
+        .await;
+}

@@ -1,0 +1,163 @@
+//! A journal that writes slowly, or no more: no step is commanded that does not stand in it, and a stop waits for
+//! nothing.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use arthro_gateway::journal::Place;
+use arthro_proto::gateway::v1 as proto;
+use arthro_proto::gateway::v1::ProcedureState;
+use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
+use tokio::time::Instant;
+
+use super::bench::{Bench, reason};
+
+/// Long against anything that waits for no disk.
+const SLOW: Duration = Duration::from_secs(1);
+
+/// A second hand on the journal's file.
+async fn hand(bench: &Bench) -> SqliteConnection {
+    let path: PathBuf = match &bench.world.journal {
+        Place::File(path) => path.clone(),
+        Place::Postgres(_) => panic!("the bench keeps a file"),
+    };
+    SqliteConnection::connect(&format!("sqlite:{}", path.display()))
+        .await
+        .unwrap()
+}
+
+/// From here on nothing can be written to a table, as on a disk that is full.
+async fn fill(hand: &mut SqliteConnection, table: &str, change: &str) {
+    let trigger = AssertSqlSafe(format!(
+        "CREATE TRIGGER full_{table} BEFORE {change} ON {table} \
+         BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END"
+    ));
+    sqlx::raw_sql(trigger).execute(hand).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn while_a_write_takes_a_second_nothing_is_commanded_and_a_stop_is_not_held_up() {
+    let mut bench = Bench::new().await;
+    bench.world.hold("INSERT FORCEPS");
+    let procedure_id = bench.started().await;
+    bench.world.arrived("INSERT FORCEPS", 1).await;
+    let commands = bench.world.commands();
+
+    let mut hand = hand(&bench).await;
+    sqlx::raw_sql("BEGIN IMMEDIATE")
+        .execute(&mut hand)
+        .await
+        .unwrap();
+    let locked_at = Instant::now();
+    bench.world.let_go();
+    // The insertion has ended, its end cannot be written, and the bite must not come.
+    tokio::time::sleep_until(locked_at + SLOW).await;
+    assert_eq!(bench.world.commands(), commands);
+
+    let stops = *bench.world.stops.borrow();
+    let request = proto::StopProcedureRequest::default();
+    bench.procedures.stop_procedure(request).await.unwrap();
+    assert!(*bench.world.stops.borrow() > stops);
+    assert_eq!(bench.world.commands(), commands, "the write still waits");
+
+    sqlx::raw_sql("ROLLBACK").execute(&mut hand).await.unwrap();
+    let procedure = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "STOPPED");
+    assert_eq!(bench.world.commands(), commands);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn slow_writes_make_a_procedure_slow_and_nothing_else() {
+    let mut bench = Bench::new().await;
+    let mut hand = hand(&bench).await;
+    let (case_id, digest) = bench.approved().await;
+    sqlx::raw_sql("BEGIN IMMEDIATE")
+        .execute(&mut hand)
+        .await
+        .unwrap();
+    let mut procedures = bench.procedures.clone();
+    let starting = tokio::spawn(async move {
+        let request = proto::StartProcedureRequest {
+            case_id,
+            plan_digest: digest,
+            operator: "operator".to_owned(),
+        };
+        procedures.start_procedure(request).await
+    });
+    tokio::time::sleep(SLOW).await;
+    assert!(bench.world.commands().is_empty());
+    sqlx::raw_sql("ROLLBACK").execute(&mut hand).await.unwrap();
+    let started = starting.await.unwrap().unwrap().into_inner();
+    let procedure_id = started.procedure.unwrap().procedure_id;
+    bench
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    assert!(bench.world.unjournalled.lock().unwrap().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_disk_refuses_the_start_before_anything_moves() {
+    let mut bench = Bench::new().await;
+    let (case_id, digest) = bench.approved().await;
+    fill(&mut hand(&bench).await, "procedures", "INSERT").await;
+    let start = bench.start(&case_id, &digest).await;
+    assert_eq!(reason(start), "JOURNAL_FAILED");
+    assert!(bench.world.commands().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_disk_halts_before_the_first_step_that_cannot_be_written() {
+    let mut bench = Bench::new().await;
+    bench.world.hold("INSERT FORCEPS");
+    let procedure_id = bench.started().await;
+    bench.world.arrived("INSERT FORCEPS", 1).await;
+    let commands = bench.world.commands();
+    let stops = *bench.world.stops.borrow();
+    fill(&mut hand(&bench).await, "steps", "INSERT").await;
+    bench.world.let_go();
+    let procedure = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "JOURNAL_FAILED");
+    assert!(
+        procedure.detail.contains("disk is full"),
+        "{}",
+        procedure.detail
+    );
+    assert_eq!(bench.world.commands(), commands);
+    assert!(*bench.world.stops.borrow() > stops);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_end_that_cannot_be_written_halts_and_is_found_after_a_restart() {
+    let mut bench = Bench::new().await;
+    bench.world.hold("BITE");
+    let procedure_id = bench.started().await;
+    bench.world.arrived("BITE", 1).await;
+    let commands = bench.world.commands();
+    fill(&mut hand(&bench).await, "steps", "UPDATE").await;
+    bench.world.let_go();
+    let procedure = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "JOURNAL_FAILED");
+    assert_eq!(bench.world.commands(), commands);
+
+    let mut hand = hand(&bench).await;
+    bench.kill().await;
+    sqlx::raw_sql("DROP TRIGGER full_steps")
+        .execute(&mut hand)
+        .await
+        .unwrap();
+    bench.restart(|_| {}).await;
+    let procedure = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    // The bite was taken, its end is not in the journal: nobody but the operator can tell.
+    let step = procedure.step.unwrap();
+    assert_eq!(step.state(), proto::StepState::InDoubt);
+    assert_eq!(procedure.bites_done, 0);
+    assert_eq!(bench.world.count("BITE"), 1);
+}
