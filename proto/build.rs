@@ -9,9 +9,11 @@ use prost::Message as _;
 fn main() -> Result<(), Box<dyn Error>> {
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?);
     // tonic-prost-build does not tell Cargo which files it read.
-    println!("cargo:rerun-if-changed={}", root.join("arthro").display());
     let mut files = Vec::new();
-    collect(&root.join("arthro"), &mut files)?;
+    for folder in ["arthro", "foxglove"] {
+        println!("cargo:rerun-if-changed={}", root.join(folder).display());
+        collect(&root.join(folder), &mut files)?;
+    }
     files.sort();
     let descriptors = protox::compile(&files, [&root])?;
     let out = PathBuf::from(env::var("OUT_DIR")?).join("arthro.binpb");

@@ -48,3 +48,8 @@ pub mod simulator {
         tonic::include_proto!("arthro.simulator.v1");
     }
 }
+
+/// Transforms and scenes as viewers of recordings know them.
+pub mod foxglove {
+    tonic::include_proto!("foxglove");
+}

@@ -101,6 +101,11 @@ def drives(arthro, arthro_simulator):
         process.wait(timeout=30)
 
 
+def recordings(arthro):
+    """The reader of what the gateway records: how many ran, and how many failed."""
+    return 1, run([["recording.py", arthro]])
+
+
 def controllers(arthro_simulator, series):
     """Clients of two controllers: how many ran, and how many failed."""
     hosts = arm_hosts()
@@ -120,7 +125,7 @@ def controllers(arthro_simulator, series):
 
 def main():
     arthro, arthro_simulator = sys.argv[1:3]
-    counts = [cell(arthro), drives(arthro, arthro_simulator)] + [controllers(arthro_simulator, series) for series in ur5.DH]
+    counts = [cell(arthro), recordings(arthro), drives(arthro, arthro_simulator)] + [controllers(arthro_simulator, series) for series in ur5.DH]
     ran, failed = (sum(column) for column in zip(*counts))
     print(f"peers: {ran - failed} passed, {failed} failed")
     return 1 if failed else 0

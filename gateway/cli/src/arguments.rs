@@ -10,6 +10,7 @@ mod audit;
 mod can;
 mod local;
 mod planning;
+mod recording;
 mod robot;
 
 pub use audit::{Audit, AuditExport, AuditKindName, AuditList, AuditVerify};
@@ -22,6 +23,7 @@ pub use local::{
     CalibrationFile, MethodName, Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
+pub use recording::{Record, Replay};
 pub use robot::{
     ArmName, AxisName, Controller, Dashboard, Jog, Portal, Robot, RobotCommand, RobotState, Taught,
 };
@@ -84,6 +86,11 @@ pub enum Command {
     Abort(ProcedureId),
     /// Decides what happens to an interrupted procedure.
     Recover(Recover),
+    /// Looks at recordings of procedures.
+    #[command(subcommand)]
+    Record(Record),
+    /// Shows recordings again as a gateway that can only be watched.
+    Replay(Replay),
     /// Lists, checks and exports the record of who did what.
     #[command(subcommand)]
     Audit(Audit),

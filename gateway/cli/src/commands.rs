@@ -23,8 +23,8 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    audit, bench, calibrate, calibrations, can, cell, demo, evaluate, plan, reconstruct, register,
-    robot, scene,
+    audit, bench, calibrate, calibrations, can, cell, demo, evaluate, plan, reconstruct, record,
+    register, robot, scene,
 };
 
 /// Runs one command to its end.
@@ -40,7 +40,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
             calibrations::run(calibration, &arguments.gateway, output).await
         }
         // Started before any runtime exists; see `main`.
-        Command::Serve(_) => Ok(()),
+        Command::Serve(_) | Command::Replay(_) => Ok(()),
         Command::Audit(audit) => Box::pin(audit::run(audit, connect, output)).await,
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
         Command::Register(register) => register::run(register, output).await,
@@ -50,6 +50,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Bench(Bench::Cell(bench)) => bench::cell::run(bench, output).await,
         Command::Bench(Bench::Budget(bench)) => bench::budget::run(bench, output).await,
         Command::Reconstruct(arguments) => reconstruct::run(&arguments, output),
+        Command::Record(record) => record::run(record, output),
         Command::Can(arguments) => Box::pin(can::run(arguments, output)).await,
         Command::Robot(arguments) => Box::pin(robot::run(arguments, output)).await,
         Command::Run(run) => {

@@ -7,11 +7,11 @@ use arthro_proto::gateway::v1::calibration_service_client::CalibrationServiceCli
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
-    AcceptRegistrationRequest, ApprovePlanRequest, Case, CountersignPlanRequest, CreateCaseRequest,
-    GetCaseRequest, GetCaseResponse, ListProceduresRequest, ModelHeader, PlanCaseRequest,
-    Procedure, ProcedureState, RegisterCaseRequest, SceneHeader, StartProcedureRequest,
-    UploadModelRequest, UploadSceneRequest, UploadSceneResponse, WatchProcedureRequest,
-    scene_header, upload_model_request, upload_scene_request,
+    AcceptRegistrationRequest, ApprovePlanRequest, BegunAnew, Case, CountersignPlanRequest,
+    CreateCaseRequest, GetCaseRequest, GetCaseResponse, ListProceduresRequest, ModelHeader,
+    PlanCaseRequest, Procedure, ProcedureState, RegisterCaseRequest, SceneHeader,
+    StartProcedureRequest, UploadModelRequest, UploadSceneRequest, UploadSceneResponse,
+    WatchProcedureRequest, scene_header, upload_model_request, upload_scene_request,
 };
 use arthro_proto::planning::v1::{PlanProgress, ResectionPlan, plan_resection_response};
 use arthro_proto::registration::v1::{RegistrationResult, register_response};
@@ -152,6 +152,10 @@ impl Gateway {
         let mut events = self.cases.register_case(request).await?.into_inner();
         let mut result = None;
         while let Some(message) = events.message().await? {
+            if let Some(anew) = message.begun_anew {
+                bar.reset();
+                bar.set_message(anew_text(&anew));
+            }
             match message.event.and_then(|event| event.event) {
                 Some(register_response::Event::Progress(progress)) => bar.set_message(format!(
                     "search: scale {} of {}, residual {:.2} mm",
@@ -201,6 +205,10 @@ impl Gateway {
         let mut events = self.cases.plan_case(request).await?.into_inner();
         let mut plan = None;
         while let Some(message) = events.message().await? {
+            if let Some(anew) = message.begun_anew {
+                bar.reset();
+                bar.set_message(anew_text(&anew));
+            }
             match message.event.and_then(|event| event.event) {
                 Some(plan_resection_response::Event::Progress(progress)) => {
                     bar.set_position((progress.fraction * 100.0) as u64);
@@ -350,6 +358,13 @@ pub fn state_word(state: ProcedureState) -> String {
         .as_str_name()
         .trim_start_matches("PROCEDURE_STATE_")
         .to_owned()
+}
+
+fn anew_text(anew: &BegunAnew) -> String {
+    format!(
+        "begun anew on another replica ({}): {} was lost",
+        anew.times, anew.lost_replica
+    )
 }
 
 fn planning_text(progress: &PlanProgress) -> String {

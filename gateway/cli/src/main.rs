@@ -23,6 +23,7 @@ mod gateway;
 mod output;
 mod plan;
 mod reconstruct;
+mod record;
 mod register;
 mod report;
 mod robot;
@@ -43,6 +44,9 @@ fn main() -> ExitCode {
     // A server sets up its own runtime and telemetry.
     if let Command::Serve(arguments) = arguments.command {
         return serve::run(arguments);
+    }
+    if let Command::Replay(arguments) = &arguments.command {
+        return record::replay(arguments);
     }
     let output = Output::new(arguments.json);
     let outcome = tokio::runtime::Builder::new_multi_thread()

@@ -1,4 +1,5 @@
-//! The four services that the gateway calls, and what it makes of their refusals.
+//! The four services that the gateway calls, and what it makes of their refusals. Registration and planning may have
+//! several replicas ([`replicas`]); motion and instrument are one a cell.
 //!
 //! A refusal of a service goes on to the gateway's client as it came, code and details included. A
 //! service that cannot be reached is UNAVAILABLE with the reason `<SERVICE>_UNAVAILABLE`.
@@ -8,6 +9,7 @@ pub mod instrument;
 pub mod motion;
 pub mod planning;
 pub mod registration;
+pub mod replicas;
 
 use std::error::Error as _;
 use std::time::Duration;
@@ -19,6 +21,8 @@ use bytes::Bytes;
 use tonic::{Code, Request, Response, Status, Streaming};
 
 use crate::clients::channel::Connector;
+use crate::clients::replicas::Replicas;
+use crate::clients::replicas::addresses::Where;
 use crate::words::words;
 
 pub use instrument::Instrument;
@@ -89,14 +93,15 @@ impl Clients {
     /// Clients that connect when first used. Must be called within a Tokio runtime.
     pub fn new(
         connector: &Connector,
-        registration: &str,
-        planning: &str,
+        registration: Where,
+        planning: Where,
         motion: &str,
         instrument: &str,
     ) -> Result<Self, DialError> {
+        let replicas = |peer, place| Replicas::new(peer, place, connector.clone());
         Ok(Self {
-            registration: Registration::new(connector.channel(registration)?),
-            planning: Planning::new(connector.channel(planning)?),
+            registration: Registration::new(replicas(Peer::Registration, registration)?),
+            planning: Planning::new(replicas(Peer::Planning, planning)?),
             motion: Motion::new(connector.channel(motion)?),
             instrument: Instrument::new(connector.channel(instrument)?),
         })
@@ -225,6 +230,11 @@ impl Failure {
     /// Whether the service could not be reached, so that asking again may help.
     pub fn is_unavailable(&self) -> bool {
         self.status.code() == Code::Unavailable
+    }
+
+    /// Whether the service has no room for the call, so that another replica may have.
+    pub fn is_exhausted(&self) -> bool {
+        self.status.code() == Code::ResourceExhausted
     }
 
     /// The stable word.

@@ -14,7 +14,9 @@ use crate::audit;
 use crate::audit::key::{KeyError, PublicKey, SigningKey};
 use crate::calendar::end_of_day_ms;
 use crate::calibrations::record::{InForce, Kind, Standing};
+use crate::clients::replicas::addresses::{Addresses, Where};
 use crate::journal::Place;
+use crate::recording::Settings;
 use crate::verification::Limits;
 
 /// A quaternion's norm may differ from 1 by this much.
@@ -31,15 +33,23 @@ pub struct Config {
     pub journal: Place,
     /// How this gateway is named to others that share its journal, e.g. its address; empty: host and process.
     pub name: String,
-    /// Address of the registration service, host:port. With `server.tls` the gateway shows its own certificate there and at the
-    /// others, and they must be certified as the host that stands here.
-    pub registration: String,
-    /// Address of the planning service, host:port.
-    pub planning: String,
+    /// Address of the registration service, host:port; a list of its replicas; or `dns:///name:port`, whose every address
+    /// is one. With `server.tls` the gateway shows its own certificate there and at the others, and they must be certified
+    /// as the host that stands here.
+    pub registration: Addresses,
+    /// The planning service, likewise.
+    pub planning: Addresses,
     /// Address of the motion service, host:port.
     pub motion: String,
     /// Address of the instrument service, host:port.
     pub instrument: String,
+    /// The folder where every procedure is recorded (MCAP). Without it nothing is recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recordings: Option<PathBuf>,
+    /// A recording that reaches this size goes on in another file, MiB.
+    pub recording_file_max_mib: u64,
+    /// Nothing is recorded while the folder holds as much, MiB. Nothing is ever deleted.
+    pub recordings_max_mib: u64,
     /// How far from the middle of the bites the arthroscope's tip stays in a plan without views, mm.
     pub view_distance_mm: f64,
     /// How far the joint is opened, mm: the gap between the top of the meniscus and the condyle. Plans then keep the
@@ -203,10 +213,13 @@ impl Default for Config {
         Self {
             journal: PathBuf::from("arthro-gateway.sqlite").into(),
             name: String::new(),
-            registration: "127.0.0.1:50051".to_owned(),
-            planning: "127.0.0.1:50052".to_owned(),
+            registration: "127.0.0.1:50051".to_owned().into(),
+            planning: "127.0.0.1:50052".to_owned().into(),
             motion: "127.0.0.1:50053".to_owned(),
             instrument: "127.0.0.1:50054".to_owned(),
+            recordings: None,
+            recording_file_max_mib: 256,
+            recordings_max_mib: 20 * 1024,
             view_distance_mm: 20.0,
             joint_opening_mm: None,
             jaw: Jaw::default(),
@@ -232,6 +245,41 @@ impl Default for AuditConfig {
 }
 
 impl Config {
+    /// Checks where registration and planning are.
+    pub fn replicas(&self) -> Result<(Where, Where), ConfigError> {
+        let checked = |field, addresses: &Addresses| {
+            addresses
+                .checked()
+                .map_err(|problem| ConfigError { field, problem })
+        };
+        Ok((
+            checked("registration", &self.registration)?,
+            checked("planning", &self.planning)?,
+        ))
+    }
+
+    /// Checks where recordings go; `None` when nothing is recorded.
+    pub fn recordings(&self) -> Result<Option<Settings>, ConfigError> {
+        let mib = |field, value: u64, most: u64| match (1..=most).contains(&value) {
+            true => Ok(value * 1024 * 1024),
+            false => Err(ConfigError {
+                field,
+                problem: format!("is {value}; must be within 1 .. {most}"),
+            }),
+        };
+        let segment_max_bytes = mib(
+            "recording_file_max_mib",
+            self.recording_file_max_mib,
+            65_536,
+        )?;
+        let folder_max_bytes = mib("recordings_max_mib", self.recordings_max_mib, 1 << 30)?;
+        Ok(self.recordings.clone().map(|folder| Settings {
+            folder,
+            segment_max_bytes,
+            folder_max_bytes,
+        }))
+    }
+
     /// How this gateway is named to others.
     pub fn holder(&self) -> Result<String, ConfigError> {
         let length = self.name.chars().count();
@@ -631,6 +679,17 @@ mod tests {
             ..Config::default()
         };
         assert!(problem(&config).contains("valid_until is \"31.01.2027\"; must be a day"));
+    }
+
+    #[test]
+    fn a_list_that_names_a_replica_twice_is_refused() {
+        let twice = vec!["127.0.0.1:1".to_owned(), "127.0.0.1:1".to_owned()];
+        let config = Config {
+            planning: Addresses::List(twice),
+            ..Config::default()
+        };
+        let refusal = config.replicas().unwrap_err().to_string();
+        assert_eq!(refusal, "gateway.planning lists \"127.0.0.1:1\" twice");
     }
 
     fn problem(config: &Config) -> String {

@@ -18,6 +18,8 @@ pub mod error;
 pub mod error_budget;
 pub mod journal;
 pub mod procedure;
+pub mod recording;
+pub mod replay;
 pub mod server;
 pub mod verification;
 mod wall_clock;
@@ -35,6 +37,7 @@ use crate::cases::Cases;
 use crate::clients::Clients;
 use crate::clients::channel::Connector;
 use crate::procedure::control::Procedures;
+use crate::recording::Recorder;
 use crate::wall_clock::now_ms;
 
 /// The gateway as a server of the house.
@@ -51,10 +54,11 @@ impl Service for Server {
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
+        let (registration, planning) = config.replicas()?;
         let clients = Clients::new(
             &Connector::new(host.credentials.clone()),
-            &config.registration,
-            &config.planning,
+            registration,
+            planning,
             &config.motion,
             &config.instrument,
         )?;
@@ -62,6 +66,15 @@ impl Service for Server {
         let audit = Audit::open(journal.clone(), config.audit.open(&config.journal)?).await?;
         audit.record(started(&audit)).await?;
         tokio::spawn(refusals::record(audit.clone(), host.refusals()));
+        let recorder = match config.recordings()? {
+            Some(settings) => Some(Recorder::start(
+                settings,
+                clients.clone(),
+                journal.clone(),
+                cell.clone(),
+            )?),
+            None => None,
+        };
         let calibrations = Calibrations::open(journal.clone(), cell, config.calibrations).await?;
         let cases = Cases::new(
             journal.clone(),
@@ -72,12 +85,18 @@ impl Service for Server {
         );
         let procedures =
             Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
-        let leaving = (procedures.clone(), audit.clone());
+        if let Some(recorder) = &recorder {
+            procedures.recorded_by(recorder.clone());
+        }
+        let leaving = (procedures.clone(), recorder.clone(), audit.clone());
         let hold = host.drain.hold();
         tokio::spawn(async move {
             host.drain.started().await;
-            let (procedures, audit) = leaving;
+            let (procedures, recorder, audit) = leaving;
             procedures.leave().await;
+            if let Some(recorder) = recorder {
+                recorder.finish().await;
+            }
             let ended = Entry::new(now_ms(), Kind::End, Who::gateway());
             if let Err(error) = audit.record(ended).await {
                 tracing::error!(%error, "the end is not in the audit");
@@ -90,6 +109,7 @@ impl Service for Server {
             clients,
             config.jaw,
             config.error_budget,
+            recorder,
             audit,
         ))
     }

@@ -3,7 +3,8 @@
 mod audit;
 mod calibration;
 mod case;
-mod procedure;
+pub(crate) mod procedure;
+mod recording;
 mod standby;
 
 use std::pin::Pin;
@@ -12,6 +13,7 @@ use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1::audit_service_server::AuditServiceServer;
 use arthro_proto::gateway::v1::calibration_service_server::CalibrationServiceServer;
 use arthro_proto::gateway::v1::case_service_server::CaseServiceServer;
+use arthro_proto::gateway::v1::recording_service_server::RecordingServiceServer;
 use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{Code, Status};
@@ -23,6 +25,7 @@ use crate::clients::Clients;
 use crate::config::{ErrorBudget, Jaw};
 use crate::error::{Error, Result, Violation};
 use crate::procedure::control::Procedures;
+use crate::recording::Recorder;
 
 /// A stream of answers.
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
@@ -34,6 +37,7 @@ pub fn routes(
     clients: Clients,
     jaw: Jaw,
     error_budget: ErrorBudget,
+    recorder: Option<Recorder>,
     audit: Audit,
 ) -> Routes {
     let audited = AuditLayer::new(audit.clone());
@@ -44,9 +48,11 @@ pub fn routes(
     ));
     let cases = CaseServiceServer::new(case::CaseApi::new(cases, clients, jaw, error_budget));
     let procedures = procedure::watch::Watched::new(procedures);
+    let recordings = RecordingServiceServer::new(recording::RecordingApi::new(recorder));
     Routes::new(audited.layer(on_duty.layer(cases)))
         .add_service(audited.layer(on_duty.layer(calibrations)))
         .add_service(audited.layer(on_duty.layer(procedures)))
+        .add_service(audited.layer(recordings))
         .add_service(audited.layer(AuditServiceServer::new(audit::AuditApi::new(audit))))
 }
 

@@ -120,8 +120,9 @@ impl Configuration {
         let view = scenario.system_view();
         let config = arthro_gateway::config::Config {
             journal: folder.join("journal.sqlite").into(),
-            registration: address(ServiceName::Registration),
-            planning: address(ServiceName::Planning),
+            recordings: Some(folder.join("recordings")),
+            registration: address(ServiceName::Registration).into(),
+            planning: address(ServiceName::Planning).into(),
             motion: address(ServiceName::Motion),
             instrument: address(ServiceName::Instrument),
             joint_opening_mm: Some(view.joint_gap_mm),

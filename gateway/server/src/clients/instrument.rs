@@ -3,6 +3,7 @@
 use arthro_proto::common::v1 as common;
 use arthro_proto::instrument::v1 as proto;
 use arthro_proto::instrument::v1::instrument_service_client::InstrumentServiceClient;
+use tonic::Streaming;
 use tonic::transport::Channel;
 
 use super::{
@@ -67,6 +68,21 @@ impl Instrument {
             faulty: state.axes.iter().any(|axis| !axis.fault_reason.is_empty()),
             forceps_rotation_deg,
         })
+    }
+
+    /// The measured states as they come, every `period_s`, for the record.
+    pub async fn watch(
+        &self,
+        period_s: f64,
+    ) -> Result<Streaming<proto::WatchStateResponse>, Failure> {
+        let request = proto::WatchStateRequest { period_s };
+        ask(PEER, self.0.clone().watch_state(request)).await
+    }
+
+    /// What the axes are, for the record.
+    pub async fn describe(&self) -> Result<proto::ListAxesResponse, Failure> {
+        let request = within(SHORT_DEADLINE, proto::ListAxesRequest {});
+        ask(PEER, self.0.clone().list_axes(request)).await
     }
 
     /// The travel of the forceps' rotation, deg.

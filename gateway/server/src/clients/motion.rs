@@ -7,6 +7,7 @@ use arthro_geometry::{Point3, Rigid, Rotation};
 use arthro_proto::common::v1 as common;
 use arthro_proto::motion::v1 as proto;
 use arthro_proto::motion::v1::motion_service_client::MotionServiceClient;
+use tonic::Streaming;
 use tonic::transport::Channel;
 
 use super::{
@@ -133,6 +134,21 @@ impl Motion {
             forceps: find(Arm::Forceps)?,
             arthroscope: find(Arm::Arthroscope)?,
         })
+    }
+
+    /// The measured states as they come, every `period_s` of controller time, for the record.
+    pub async fn watch(
+        &self,
+        period_s: f64,
+    ) -> Result<Streaming<proto::WatchStateResponse>, Failure> {
+        let request = proto::WatchStateRequest { period_s };
+        ask(PEER, self.0.clone().watch_state(request)).await
+    }
+
+    /// What the cell's arms are, for the record.
+    pub async fn describe(&self) -> Result<proto::GetCellResponse, Failure> {
+        let request = within(SHORT_DEADLINE, proto::GetCellRequest {});
+        ask(PEER, self.0.clone().get_cell(request)).await
     }
 
     /// Which arms have a portal in force.

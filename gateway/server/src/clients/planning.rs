@@ -4,20 +4,18 @@ use arthro_proto::common::v1 as common;
 use arthro_proto::planning::v1 as proto;
 use arthro_proto::planning::v1::planning_service_client::PlanningServiceClient;
 use bytes::Bytes;
-use tonic::Streaming;
-use tonic::transport::Channel;
 
-use super::{COMPUTATION_DEADLINE, Failure, Peer, ask, chunks, within};
+use super::replicas::{Replicas, Run};
+use super::{Failure, Peer, chunks, within};
 
 const PEER: Peer = Peer::Planning;
 
-/// A client of the planning service; clones share one connection.
+/// A client of the planning service; clones share its replicas.
 #[derive(Clone, Debug)]
-pub struct Planning(PlanningServiceClient<Channel>);
+pub struct Planning(Replicas);
 
 /// A plan under way. Dropping it stops the computation.
-#[derive(Debug)]
-pub struct PlanningRun(Streaming<proto::PlanResectionResponse>);
+pub type PlanningRun = Run<proto::PlanResectionResponse>;
 
 /// The packed surface and lesion that a plan is made on.
 #[derive(Clone, Debug, Default)]
@@ -31,8 +29,8 @@ pub struct PackedModel {
 }
 
 impl Planning {
-    pub(super) fn new(channel: Channel) -> Self {
-        Self(PlanningServiceClient::new(channel))
+    pub(super) fn new(replicas: Replicas) -> Self {
+        Self(replicas)
     }
 
     /// Starts planning on `model`, whose headers are filled in here.
@@ -55,10 +53,24 @@ impl Planning {
                 payload: Some(payload),
             })
             .collect();
-        let call = within(COMPUTATION_DEADLINE, tokio_stream::iter(requests));
-        ask(PEER, self.0.clone().plan_resection(call))
-            .await
-            .map(PlanningRun)
+        Run::begin(
+            &self.0,
+            |answer: &proto::PlanResectionResponse| {
+                matches!(
+                    answer.event,
+                    Some(proto::plan_resection_response::Event::Plan(_))
+                )
+            },
+            move |channel, remaining| {
+                let call = within(remaining, tokio_stream::iter(requests.clone()));
+                Box::pin(async move {
+                    PlanningServiceClient::new(channel)
+                        .plan_resection(call)
+                        .await
+                })
+            },
+        )
+        .await
     }
 
     /// Scores the bites of `options` on `model`, whose headers are filled in here.
@@ -81,21 +93,18 @@ impl Planning {
                 payload: Some(payload),
             })
             .collect();
-        let call = within(COMPUTATION_DEADLINE, tokio_stream::iter(requests));
-        ask(PEER, self.0.clone().evaluate_resection(call))
+        self.0
+            .ask(|channel, remaining| {
+                let call = within(remaining, tokio_stream::iter(requests.clone()));
+                async move {
+                    PlanningServiceClient::new(channel)
+                        .evaluate_resection(call)
+                        .await
+                }
+            })
             .await?
             .evaluation
             .ok_or_else(|| Failure::unusable(PEER, "no evaluation was sent"))
-    }
-}
-
-impl PlanningRun {
-    /// The next event; `None` at the end.
-    pub async fn next(&mut self) -> Result<Option<proto::PlanResectionResponse>, Failure> {
-        self.0
-            .message()
-            .await
-            .map_err(|status| Failure::answered(PEER, status))
     }
 }
 

@@ -3,22 +3,21 @@
 use arthro_proto::registration::v1 as proto;
 use arthro_proto::registration::v1::registration_service_client::RegistrationServiceClient;
 use bytes::{Bytes, BytesMut};
-use tonic::Streaming;
 use tonic::transport::Channel;
 
-use super::{COMPUTATION_DEADLINE, Failure, Peer, ask, chunks, within};
+use super::replicas::{Event, Replicas, Run};
+use super::{Failure, Peer, chunks, within};
 
 const PEER: Peer = Peer::Registration;
 /// A result holds four bytes a point of the view, of which there are two million at most.
 const RESULT_MAX_BYTES: usize = 16 * 1024 * 1024;
 
-/// A client of the registration service; clones share one connection.
+/// A client of the registration service; clones share its replicas.
 #[derive(Clone, Debug)]
-pub struct Registration(RegistrationServiceClient<Channel>);
+pub struct Registration(Replicas);
 
 /// A registration under way. Dropping it stops the computation.
-#[derive(Debug)]
-pub struct Registering(Streaming<proto::RegisterResponse>);
+pub type Registering = Run<proto::RegisterResponse>;
 
 /// A cloud that came out of a depth image.
 #[derive(Clone, Debug)]
@@ -32,8 +31,8 @@ pub struct Deprojected {
 }
 
 impl Registration {
-    pub(super) fn new(channel: Channel) -> Self {
-        Self(RegistrationServiceClient::new(channel).max_decoding_message_size(RESULT_MAX_BYTES))
+    pub(super) fn new(replicas: Replicas) -> Self {
+        Self(replicas)
     }
 
     /// Starts registering `source` (ct) to `target` (camera), both packed as the options announce.
@@ -47,13 +46,26 @@ impl Registration {
         let payloads = std::iter::once(Payload::Options(options))
             .chain(chunks(source).map(Payload::Source))
             .chain(chunks(target).map(Payload::Target));
-        let requests = tokio_stream::iter(payloads.map(|payload| proto::RegisterRequest {
-            payload: Some(payload),
-        }));
-        let call = within(COMPUTATION_DEADLINE, requests);
-        ask(PEER, self.0.clone().register(call))
-            .await
-            .map(Registering)
+        // The pieces share their bytes, so that sending them again costs no memory.
+        let requests: Vec<_> = payloads
+            .map(|payload| proto::RegisterRequest {
+                payload: Some(payload),
+            })
+            .collect();
+        Run::begin(
+            &self.0,
+            |answer: &proto::RegisterResponse| {
+                matches!(
+                    answer.event,
+                    Some(proto::register_response::Event::Result(_))
+                )
+            },
+            move |channel, remaining| {
+                let call = within(remaining, tokio_stream::iter(requests.clone()));
+                Box::pin(async move { client(channel).register(call).await })
+            },
+        )
+        .await
     }
 
     /// Turns a depth image into a cloud of at most `max_bytes`.
@@ -69,18 +81,31 @@ impl Registration {
         let payloads = std::iter::once(Payload::Header(header))
             .chain(chunks(depth).map(Payload::Depth))
             .chain(chunks(mask).map(Payload::Mask));
-        let requests = tokio_stream::iter(payloads.map(|payload| proto::DeprojectDepthRequest {
-            payload: Some(payload),
-        }));
-        let call = within(COMPUTATION_DEADLINE, requests);
-        let mut answers = ask(PEER, self.0.clone().deproject_depth(call)).await?;
+        let requests: Vec<_> = payloads
+            .map(|payload| proto::DeprojectDepthRequest {
+                payload: Some(payload),
+            })
+            .collect();
+        let mut answers = Run::begin(
+            &self.0,
+            |_| false,
+            move |channel, remaining| {
+                let call = within(remaining, tokio_stream::iter(requests.clone()));
+                Box::pin(async move { client(channel).deproject_depth(call).await })
+            },
+        )
+        .await?;
         let mut header = None;
         let mut points = BytesMut::new();
-        while let Some(answer) = answers
-            .message()
-            .await
-            .map_err(|status| Failure::answered(PEER, status))?
-        {
+        while let Some(event) = answers.next().await? {
+            let answer = match event {
+                Event::Message(answer) => answer,
+                Event::BegunAnew(_) => {
+                    header = None;
+                    points.clear();
+                    continue;
+                }
+            };
             match answer.payload {
                 Some(Answer::Header(announced)) => header = Some(announced),
                 Some(Answer::Points(chunk)) => points.extend_from_slice(&chunk),
@@ -100,12 +125,6 @@ impl Registration {
     }
 }
 
-impl Registering {
-    /// The next event; `None` at the end.
-    pub async fn next(&mut self) -> Result<Option<proto::RegisterResponse>, Failure> {
-        self.0
-            .message()
-            .await
-            .map_err(|status| Failure::answered(PEER, status))
-    }
+fn client(channel: Channel) -> RegistrationServiceClient<Channel> {
+    RegistrationServiceClient::new(channel).max_decoding_message_size(RESULT_MAX_BYTES)
 }

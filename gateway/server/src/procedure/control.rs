@@ -8,7 +8,7 @@ mod command;
 mod decisions;
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::watch;
 
@@ -23,6 +23,7 @@ use crate::procedure::recovery::Action;
 use crate::procedure::sequencer::{Approval, Interruption, Run, Wish};
 use crate::procedure::steps::Planned;
 use crate::procedure::{Procedure, Report, State};
+use crate::recording::Recorder;
 
 /// The procedures of this gateway.
 #[derive(Clone)]
@@ -41,6 +42,8 @@ struct Shared {
     deciding: tokio::sync::Mutex<()>,
     /// Counts the stops, so that one that comes while a start is being decided is not lost.
     stops: AtomicU64,
+    /// Set once, if procedures are recorded.
+    recorder: OnceLock<Recorder>,
 }
 
 struct Open {
@@ -68,9 +71,16 @@ impl Procedures {
             duty: watch::Sender::new(Duty::nobody()),
             deciding: tokio::sync::Mutex::default(),
             stops: AtomicU64::new(0),
+            recorder: OnceLock::new(),
         }));
         this.begin().await?;
         Ok(this)
+    }
+
+    /// Has every procedure recorded from now on.
+    pub fn recorded_by(&self, recorder: Recorder) {
+        // It is set once, where the gateway is built; a second one would be told nothing.
+        self.0.recorder.set(recorder).ok();
     }
 
     /// Starts the approved plan of a case.
@@ -283,6 +293,9 @@ impl Procedures {
         published: watch::Sender<Procedure>,
         end: State,
     ) {
+        if let Some(recorder) = self.0.recorder.get() {
+            recorder.follow(published.subscribe());
+        }
         let wish = watch::Sender::new(Wish::Run);
         let run = Run {
             steps: steps.into(),

@@ -23,7 +23,7 @@ use crate::aside::aside;
 use crate::audit::Who;
 use crate::cases::case::{Case, Stage, Verdict};
 use crate::cases::{Cases, surface};
-use crate::clients::Clients;
+use crate::clients::{Clients, replicas};
 use crate::config::{ErrorBudget, Jaw};
 use crate::error::{Error, Result as DomainResult};
 use crate::journal::Blob;
@@ -325,6 +325,19 @@ impl CaseApi {
             .register(options, source.packed, target)
             .await?;
         while let Some(event) = events.next().await? {
+            let event = match event {
+                replicas::Event::Message(event) => event,
+                replicas::Event::BegunAnew(anew) => {
+                    let answer = proto::RegisterCaseResponse {
+                        event: None,
+                        begun_anew: Some(begun_anew_message(anew)),
+                    };
+                    if answers.send(Ok(answer)).await.is_err() {
+                        return Ok(());
+                    }
+                    continue;
+                }
+            };
             if let Some(Event::Result(result)) = &event.event {
                 let residuals = result.residuals_mm.clone();
                 let registration = wire::registration(result.clone())?;
@@ -332,7 +345,10 @@ impl CaseApi {
                     .keep_registration(&case.id, case.revision, registration, residuals)
                     .await?;
             }
-            let answer = proto::RegisterCaseResponse { event: Some(event) };
+            let answer = proto::RegisterCaseResponse {
+                event: Some(event),
+                begun_anew: None,
+            };
             if answers.send(Ok(answer)).await.is_err() {
                 return Ok(());
             }
@@ -365,6 +381,14 @@ where
 /// What was read from the journal has been decoded before, when the case was loaded.
 fn decoded<M: prost::Message + Default>(encoded: &[u8]) -> M {
     M::decode(encoded).unwrap_or_default()
+}
+
+fn begun_anew_message(anew: replicas::BegunAnew) -> proto::BegunAnew {
+    proto::BegunAnew {
+        times: anew.times,
+        lost_replica: anew.lost,
+        detail: anew.detail,
+    }
 }
 
 fn approval_messages(approval: &Approval) -> Vec<proto::PlanApproval> {

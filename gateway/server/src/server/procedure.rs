@@ -202,7 +202,7 @@ fn action(action: proto::RecoveryAction) -> Result<Action, Violation> {
 
 // === writing ===
 
-fn procedure_message(procedure: &Procedure) -> proto::Procedure {
+pub(crate) fn procedure_message(procedure: &Procedure) -> proto::Procedure {
     proto::Procedure {
         procedure_id: procedure.id.clone(),
         case_id: procedure.case_id.clone(),
@@ -220,7 +220,7 @@ fn procedure_message(procedure: &Procedure) -> proto::Procedure {
     }
 }
 
-fn step_message(step: &Step) -> proto::Step {
+pub(crate) fn step_message(step: &Step) -> proto::Step {
     proto::Step {
         sequence: step.sequence,
         kind: kind_message(step.planned.kind).into(),
@@ -240,7 +240,7 @@ fn step_message(step: &Step) -> proto::Step {
     }
 }
 
-fn outcome_message(outcome: &BiteOutcome) -> proto::BiteOutcome {
+pub(crate) fn outcome_message(outcome: &BiteOutcome) -> proto::BiteOutcome {
     proto::BiteOutcome {
         bite: outcome.bite,
         tip: Some(wire::point_message(&outcome.tip)),

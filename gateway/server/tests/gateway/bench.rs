@@ -27,6 +27,7 @@ pub struct Bench {
     pub cases: CaseServiceClient<Channel>,
     pub calibrations: CalibrationServiceClient<Channel>,
     pub procedures: ProcedureServiceClient<Channel>,
+    pub channel: Channel,
     pub audit: AuditServiceClient<Channel>,
     pub config: Config,
     runtime: Option<Runtime>,
@@ -44,8 +45,8 @@ impl Bench {
         let world = World::new(journal.clone().into());
         let address = world.serve().await;
         let mut config = Config {
-            registration: address.clone(),
-            planning: address.clone(),
+            registration: address.clone().into(),
+            planning: address.clone().into(),
             motion: address.clone(),
             instrument: address,
             calibration: Some(calibration()),
@@ -65,7 +66,8 @@ impl Bench {
             cases: CaseServiceClient::new(channel.clone()),
             calibrations: CalibrationServiceClient::new(channel.clone()),
             procedures: ProcedureServiceClient::new(channel.clone()),
-            audit: AuditServiceClient::new(channel),
+            audit: AuditServiceClient::new(channel.clone()),
+            channel,
             config,
             runtime: None,
             _folder: folder,
@@ -88,7 +90,8 @@ impl Bench {
         self.cases = CaseServiceClient::new(channel.clone());
         self.calibrations = CalibrationServiceClient::new(channel.clone());
         self.procedures = ProcedureServiceClient::new(channel.clone());
-        self.audit = AuditServiceClient::new(channel);
+        self.audit = AuditServiceClient::new(channel.clone());
+        self.channel = channel;
     }
 
     // === a case, step by step ===

@@ -204,7 +204,7 @@ async fn a_service_that_is_away_is_named() {
         .local_addr()
         .unwrap()
         .to_string();
-    let mut bench = Bench::with(|config: &mut Config| config.planning = closed).await;
+    let mut bench = Bench::with(|config: &mut Config| config.planning = closed.into()).await;
     let case_id = bench.case().await;
     bench.upload(&case_id).await;
     bench.register(&case_id).await;

@@ -5,6 +5,7 @@
 pub mod computing;
 mod instrument;
 pub mod motion;
+pub mod replica;
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -59,6 +60,10 @@ pub struct World {
     pub plan_options: Mutex<Option<PlanResectionOptions>>,
     /// The portal of the last planned bite.
     pub last_bites_portal: Mutex<u32>,
+    /// Every computation that began, e.g. "REGISTER". They wait while they are held, once the first event is sent.
+    pub computations: watch::Sender<Vec<String>>,
+    /// What computations are refused with.
+    pub computing_refusal: Mutex<Option<Status>>,
     /// Points of the model that the registration received.
     pub source_points: watch::Sender<u32>,
     /// Both arms: forceps, arthroscope.
@@ -112,6 +117,8 @@ impl World {
             bitten_along: Mutex::default(),
             plan_options: Mutex::default(),
             last_bites_portal: Mutex::default(),
+            computations: watch::Sender::default(),
+            computing_refusal: Mutex::default(),
             source_points: watch::Sender::default(),
             arms: Mutex::new([arm(400.0), arm(0.0)]),
             rotation_deg: Mutex::new(10.0),
@@ -209,6 +216,16 @@ impl World {
                 .unwrap();
         connection.close().await.unwrap();
         state.as_deref() == Some("INTENDED")
+    }
+
+    /// Notes a computation, and refuses it if that is what the test wants.
+    fn computes(&self, what: &str) -> Result<(), Status> {
+        self.computations
+            .send_modify(|computations| computations.push(what.to_owned()));
+        match &*self.computing_refusal.lock().unwrap() {
+            Some(refusal) => Err(refusal.clone()),
+            None => Ok(()),
+        }
     }
 
     /// Waits while `command` is held; says whether a stop came first.

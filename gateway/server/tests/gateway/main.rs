@@ -19,6 +19,8 @@ mod plans;
 mod postgres;
 mod procedure;
 mod process;
+mod recording;
+mod replicas;
 mod storage;
 mod verification;
 mod watch;

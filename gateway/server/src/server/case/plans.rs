@@ -11,8 +11,9 @@ use tokio::sync::mpsc;
 use tonic::Status;
 
 use super::super::{Violations, id};
-use super::{CaseApi, decoded};
+use super::{CaseApi, begun_anew_message, decoded};
 use crate::cases::case::{self, Case};
+use crate::clients::replicas;
 use crate::config::{Cell, Jaw};
 use crate::error::{Error, Result as DomainResult, Violation};
 use crate::procedure::poses;
@@ -130,6 +131,19 @@ impl CaseApi {
         let renamed = |failure: crate::clients::Failure| failure.without_prefix(PLANNING_PREFIX);
         let mut events = planning.plan(options, model).await.map_err(renamed)?;
         while let Some(event) = events.next().await.map_err(renamed)? {
+            let event = match event {
+                replicas::Event::Message(event) => event,
+                replicas::Event::BegunAnew(anew) => {
+                    let answer = proto::PlanCaseResponse {
+                        event: None,
+                        begun_anew: Some(begun_anew_message(anew)),
+                    };
+                    if answers.send(Ok(answer)).await.is_err() {
+                        return Ok(());
+                    }
+                    continue;
+                }
+            };
             let mut predicted_errors = None;
             if let Some(Event::Plan(message)) = &event.event {
                 let plan = wire::plan(message, jaw)?;
@@ -139,6 +153,7 @@ impl CaseApi {
             let answer = proto::PlanCaseResponse {
                 event: Some(event),
                 predicted_errors,
+                begun_anew: None,
             };
             if answers.send(Ok(answer)).await.is_err() {
                 return Ok(());

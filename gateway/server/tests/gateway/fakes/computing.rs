@@ -26,6 +26,25 @@ pub const CENTERS: [[f64; 3]; 3] = [[53.0, 48.0, 61.0], [54.0, 50.0, 50.0], [54.
 /// Where ct lies in the view: translation of camera_from_ct.
 pub const CAMERA_FROM_CT_MM: [f64; 3] = [-53.0, -50.0, 250.0];
 
+/// The events, the first at once and the others once the computation is not held any more.
+fn held_answers<T: Send + 'static>(
+    world: Arc<World>,
+    computation: &'static str,
+    messages: Vec<T>,
+) -> Answers<T> {
+    use tokio_stream::StreamExt as _;
+    let events = tokio_stream::iter(messages.into_iter().enumerate());
+    Box::pin(events.then(move |(index, message)| {
+        let world = world.clone();
+        async move {
+            if index > 0 {
+                world.wait_while_held(computation).await;
+            }
+            Ok(message)
+        }
+    }))
+}
+
 fn answers<T: Send + 'static>(messages: Vec<T>) -> Answers<T> {
     Box::pin(tokio_stream::iter(messages.into_iter().map(Ok)))
 }
@@ -39,6 +58,7 @@ impl RegistrationService for Fake {
     ) -> Result<Response<Self::RegisterStream>, Status> {
         use registration::register_request::Payload;
         use registration::register_response::Event;
+        self.0.computes("REGISTER")?;
         let mut stream = request.into_inner();
         let (mut source, mut target, mut announced) = (0, 0, (0, 0));
         while let Some(message) = stream.message().await? {
@@ -72,13 +92,18 @@ impl RegistrationService for Fake {
             ..registration::RegistrationResult::default()
         };
         let event = |event| registration::RegisterResponse { event: Some(event) };
-        Ok(Response::new(answers(vec![
+        let events = vec![
             event(Event::Stage(registration::StageStarted {
                 stage: registration::Stage::Coarse.into(),
                 seconds: 0.0,
             })),
             event(Event::Result(result)),
-        ])))
+        ];
+        Ok(Response::new(held_answers(
+            self.0.clone(),
+            "REGISTER",
+            events,
+        )))
     }
 
     async fn solve_hand_eye(
@@ -179,6 +204,7 @@ impl PlanningService for Fake {
     ) -> Result<Response<Self::PlanResectionStream>, Status> {
         use planning::plan_resection_request::Payload;
         use planning::plan_resection_response::Event;
+        self.0.computes("PLAN")?;
         let mut stream = request.into_inner();
         let mut options = planning::PlanResectionOptions::default();
         while let Some(message) = stream.message().await? {
@@ -202,7 +228,7 @@ impl PlanningService for Fake {
         let views = views.collect();
         *self.0.plan_options.lock().unwrap() = Some(options);
         let event = |event| planning::PlanResectionResponse { event: Some(event) };
-        Ok(Response::new(answers(vec![
+        let events = vec![
             event(Event::Progress(planning::PlanProgress {
                 stage: "rrt".to_owned(),
                 iterations: 10,
@@ -215,7 +241,8 @@ impl PlanningService for Fake {
                 contour: vec![wire::point_message(&Point3::new(53.0, 48.0, 61.0))],
                 ..planning::ResectionPlan::default()
             })),
-        ])))
+        ];
+        Ok(Response::new(held_answers(self.0.clone(), "PLAN", events)))
     }
 
     async fn evaluate_resection(
@@ -223,6 +250,7 @@ impl PlanningService for Fake {
         request: Request<Streaming<planning::EvaluateResectionRequest>>,
     ) -> Result<Response<planning::EvaluateResectionResponse>, Status> {
         use planning::evaluate_resection_request::Payload;
+        self.0.computes("EVALUATE")?;
         let mut stream = request.into_inner();
         let mut bites = 0;
         while let Some(message) = stream.message().await? {
