@@ -11,6 +11,7 @@ import json
 import pathlib
 import signal
 import statistics
+import struct
 import subprocess
 import sys
 import tempfile
@@ -51,7 +52,7 @@ def times(data):
     try:
         for _, _, message in reader.iter_messages(log_time_order=False):
             found.append(message.log_time)
-    except (McapError, EOFError, ValueError):
+    except (McapError, EOFError, ValueError, struct.error):
         pass
     return found
 
@@ -132,7 +133,7 @@ def lost_ms(arthro, index):
         try:
             until = time.monotonic() + 120
             # Under way: the file has grown by some states.
-            while not any(path.stat().st_size > 200_000 * (index + 1) for path in recordings(folder)):
+            while not any(path.stat().st_size > 100_000 * (index + 1) for path in recordings(folder)):
                 assert process.poll() is None and time.monotonic() < until, "the procedure did not get under way"
                 time.sleep(0.002)
             pid = gateway_of(folder)

@@ -63,7 +63,11 @@ impl Topic {
 
 /// Every topic's schema: an encoded `FileDescriptorSet` of the file that defines its messages and of all that it imports.
 pub fn schemas() -> Result<BTreeMap<Topic, Vec<u8>>, prost::DecodeError> {
-    let files = FileDescriptorSet::decode(arthro_proto::DESCRIPTORS)?.file;
+    let mut files = FileDescriptorSet::decode(arthro_proto::DESCRIPTORS)?.file;
+    for file in &mut files {
+        // The comments; a recording has its schemas twice, and readers need none.
+        file.source_code_info = None;
+    }
     Ok(Topic::ALL
         .iter()
         .map(|&topic| {

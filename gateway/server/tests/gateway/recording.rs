@@ -129,7 +129,13 @@ async fn a_killed_gateway_leaves_a_file_that_can_be_read_and_goes_on_in_another(
     bench.kill().await;
     bench.world.let_go();
     let first = files(folder.path()).remove(0);
-    // The recorder's thread ends with its gateway; a process that is killed leaves the same without the end.
+    // Here the recorder's thread outlives its gateway and ends the file; a process that is killed leaves it without an end.
+    let ended = async {
+        while !Summary::of(&first).is_ok_and(|summary| summary.whole) {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(PATIENCE, ended).await.unwrap();
     let bytes = std::fs::read(&first).unwrap();
     std::fs::write(&first, &bytes[..bytes.len() / 2]).unwrap();
     let summary = Summary::of(&first).unwrap();

@@ -136,6 +136,7 @@ impl CaseApi {
                 replicas::Event::BegunAnew(anew) => {
                     let answer = proto::PlanCaseResponse {
                         event: None,
+                        predicted_errors: None,
                         begun_anew: Some(begun_anew_message(anew)),
                     };
                     if answers.send(Ok(answer)).await.is_err() {
