@@ -181,6 +181,24 @@ impl Supervisor {
         }
     }
 
+    /// What was observed, looked at again against a portal that was stated since: whether the tip is inside is known at
+    /// once, and not with the next state.
+    pub fn against(
+        &mut self,
+        seen: Observation,
+        portal: &Point3,
+        axis: Option<&Unit<Vector3>>,
+    ) -> Observation {
+        let placement = Placement::of(&seen.base_from_tool, portal);
+        self.inside = placement.is_inside();
+        Observation {
+            placement: Some(placement),
+            inside: self.inside,
+            cone_rad: axis.map(|axis| Turn::between(axis, &shaft(&seen.base_from_tool)).angle_rad),
+            ..seen
+        }
+    }
+
     /// Lets an arm go on from where it is, once its operator has acknowledged that: a shaft that is off the
     /// portal may be drawn back, an arm beyond a plane or too near to the other may move away from it.
     pub fn acknowledge(&mut self, seen: &Observation) {
