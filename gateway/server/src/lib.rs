@@ -18,7 +18,7 @@ mod wall_clock;
 pub mod wire;
 mod words;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use tonic::service::Routes;
 
 pub use crate::config::Config;
@@ -36,7 +36,7 @@ impl Service for Server {
     const DEFAULT_PORT: u16 = 50050;
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let cell = config.cell()?;
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
@@ -52,7 +52,7 @@ impl Service for Server {
         let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
         let leaving = procedures.clone();
         tokio::spawn(async move {
-            drain.started().await;
+            host.drain.started().await;
             leaving.leave().await;
         });
         Ok(server::routes(cases, procedures, clients, config.jaw))

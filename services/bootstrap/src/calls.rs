@@ -4,6 +4,7 @@
 //! stream, and drops the handler, so that its work stops. Over the limit a call is refused at once
 //! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: calls named `Stop…` pass.
 
+use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
@@ -14,10 +15,15 @@ use http_body::Frame;
 use tokio::sync::Semaphore;
 use tokio::time::{Instant, Sleep};
 use tonic::body::Body;
-use tonic::{Code, Status};
+use tonic::transport::server::TcpConnectInfo;
+use tonic::{Code, Extensions, Status};
 use tower::{Layer, Service};
 
+use crate::host::{RefusedCall, Reports};
+use crate::identity::Caller;
 use crate::status;
+
+const TOO_MANY_CALLS: &str = "TOO_MANY_CALLS";
 
 /// When the caller stops waiting; found in the request's extensions.
 #[derive(Clone, Copy, Debug)]
@@ -29,15 +35,17 @@ pub struct CallLayer {
     permits: Arc<Semaphore>,
     max_calls: usize,
     default_deadline: Duration,
+    reports: Reports,
 }
 
 impl CallLayer {
     /// At most `max_calls` at the same time, `default_deadline` for calls that bring none.
-    pub fn new(max_calls: usize, default_deadline: Duration) -> Self {
+    pub(crate) fn new(max_calls: usize, default_deadline: Duration, reports: Reports) -> Self {
         Self {
             permits: Arc::new(Semaphore::new(max_calls)),
             max_calls,
             default_deadline,
+            reports,
         }
     }
 }
@@ -87,7 +95,13 @@ where
                 Ok(permit) => Some(permit),
                 Err(_) => {
                     let refusal = overloaded(self.limits.max_calls);
-                    tracing::warn!(path, "call refused: too many at the same time");
+                    self.limits.reports.refused(RefusedCall {
+                        caller: Some(Caller::of(request.extensions())),
+                        peer: peer_of(request.extensions()),
+                        method: path,
+                        reason: TOO_MANY_CALLS.to_owned(),
+                        message: refusal.message().to_owned(),
+                    });
                     return Box::pin(async move { Ok(refusal.into_http()) });
                 }
             }
@@ -120,6 +134,11 @@ where
     }
 }
 
+/// Where a call comes from.
+fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
+    extensions.get::<TcpConnectInfo>()?.remote_addr()
+}
+
 /// Stopping must get through when everything else is refused.
 fn is_stop(path: &str) -> bool {
     path.rsplit('/')
@@ -129,7 +148,7 @@ fn is_stop(path: &str) -> bool {
 
 fn overloaded(max_calls: usize) -> Status {
     status::exhausted(
-        "TOO_MANY_CALLS",
+        TOO_MANY_CALLS,
         format!("{max_calls} calls are being worked on, which is the limit; try again"),
         &[("max_calls", max_calls.to_string())],
     )

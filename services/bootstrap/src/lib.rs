@@ -15,6 +15,7 @@
 pub mod calls;
 pub mod config;
 mod drain;
+mod host;
 pub mod identity;
 mod reflection;
 mod run;
@@ -30,6 +31,7 @@ use serde::de::DeserializeOwned;
 pub use crate::calls::Deadline;
 pub use crate::config::ServerConfig;
 pub use crate::drain::{Drain, Hold};
+pub use crate::host::{Host, RefusedCall};
 pub use crate::identity::{Caller, Role};
 pub use crate::run::{ExitStatus, main, run};
 
@@ -60,6 +62,6 @@ pub trait Service: Sized + Send + 'static {
     /// Anything that must keep the server from starting.
     fn build(
         config: Self::Config,
-        drain: Drain,
+        host: Host,
     ) -> impl Future<Output = Result<tonic::service::Routes, BoxError>> + Send;
 }

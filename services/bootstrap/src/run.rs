@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use crate::config::{self, Sources};
-use crate::drain::Drain;
+use crate::host::Host;
 use crate::{BoxError, Service, serve, telemetry};
 
 /// How a server's process ends (codes of sysexits.h).
@@ -103,14 +103,16 @@ async fn start<S: Service>(
     loaded: config::Loaded<S::Config>,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
-    let (source, drain) = Drain::channel();
+    let (source, host) = Host::channel();
     let server = loaded.server;
-    let routes = Box::pin(S::build(loaded.service, drain)).await?;
+    let reports = host.reports();
+    let routes = Box::pin(S::build(loaded.service, host)).await?;
     Box::pin(serve::serve(
         S::NAME,
         S::OFFERS,
         server,
         routes,
+        reports,
         source,
         until_stdin_closes,
     ))

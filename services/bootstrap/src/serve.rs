@@ -12,6 +12,7 @@ use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
 use crate::calls::CallLayer;
 use crate::config::{ServerConfig, TlsConfig};
 use crate::drain::DrainSource;
+use crate::host::Reports;
 use crate::{BoxError, reflection, run};
 
 /// Serves `routes` until a signal, then drains.
@@ -20,6 +21,7 @@ pub(crate) async fn serve(
     offers: Option<&[&str]>,
     config: ServerConfig,
     routes: Routes,
+    reports: Reports,
     drain: DrainSource,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
@@ -40,6 +42,7 @@ pub(crate) async fn serve(
         .layer(CallLayer::new(
             config.max_calls,
             Duration::from_secs_f64(config.default_deadline_s),
+            reports,
         ));
     if let Some(tls) = &config.tls {
         server = server.tls_config(tls_config(tls)?)?;

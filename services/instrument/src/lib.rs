@@ -17,7 +17,7 @@ pub mod server;
 pub mod supervisor;
 pub mod switches;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;
 use tonic::service::Routes;
 
@@ -30,15 +30,15 @@ impl Service for Server {
     const DEFAULT_PORT: u16 = 50054;
     type Config = config::Config;
 
-    async fn build(config: Self::Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Self::Config, host: Host) -> Result<Routes, BoxError> {
         let (drives, handle) = drives::Drives::new(config.check()?);
-        let (hold, draining) = (drain.hold(), drain.clone());
+        let (hold, draining) = (host.drain.hold(), host.drain.clone());
         tokio::spawn(async move {
             drives.run(draining).await;
             drop(hold);
         });
         Ok(Routes::new(InstrumentServiceServer::new(
-            server::Instrument::new(handle, drain),
+            server::Instrument::new(handle, host.drain),
         )))
     }
 }

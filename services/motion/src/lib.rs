@@ -33,7 +33,7 @@ pub mod workspace;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
 use arthro_proto::motion::v1::teaching_service_server::TeachingServiceServer;
 use tonic::service::Routes;
@@ -52,7 +52,7 @@ impl Service for Server {
     const DEFAULT_PORT: u16 = 50053;
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let mut forceps = config.arms.forceps.check("forceps")?;
         let mut arthroscope = config.arms.arthroscope.check("arthroscope")?;
         config.layout.seat(&mut forceps, &mut arthroscope)?;
@@ -64,10 +64,10 @@ impl Service for Server {
             start_arm(forceps, &commander),
             start_arm(arthroscope, &commander),
         ];
-        let motion = Motion::new(commander, arms, drain.clone());
+        let motion = Motion::new(commander, arms, host.drain.clone());
         let stopped = motion.clone();
         tokio::spawn(async move {
-            drain.started().await;
+            host.drain.started().await;
             stopped.stop_all("the service is shutting down").await;
         });
         Ok(Routes::new(MotionServiceServer::new(motion.clone()))

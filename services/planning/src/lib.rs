@@ -26,7 +26,7 @@ pub mod tissue;
 pub mod view;
 pub mod voxels;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::planning::v1::planning_service_server::PlanningServiceServer;
 
 pub use config::Config;
@@ -41,7 +41,7 @@ impl Service for Server {
     const DEFAULT_PORT: u16 = 50052;
     type Config = Config;
 
-    async fn build(config: Config, _drain: Drain) -> Result<tonic::service::Routes, BoxError> {
+    async fn build(config: Config, _host: Host) -> Result<tonic::service::Routes, BoxError> {
         if config.max_computations == 0 {
             return Err("planning.max_computations is 0; must be at least 1".into());
         }

@@ -36,7 +36,7 @@ pub mod super4pcs;
 pub mod view;
 pub mod visibility;
 
-use arthro_bootstrap::{BoxError, Drain};
+use arthro_bootstrap::{BoxError, Host};
 use tonic::service::Routes;
 
 pub use crate::config::Config;
@@ -50,7 +50,7 @@ impl arthro_bootstrap::Service for Server {
     const DEFAULT_PORT: u16 = 50051;
     type Config = Config;
 
-    async fn build(config: Config, _drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, _host: Host) -> Result<Routes, BoxError> {
         if config.max_computations == 0 {
             return Err("registration.max_computations is 0, must be at least 1".into());
         }

@@ -27,7 +27,7 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::bench_service_server::BenchServiceServer;
 use arthro_proto::simulator::v1::camera_service_server::CameraServiceServer;
@@ -54,7 +54,7 @@ impl Service for Server {
     const HELP_AFTER: &'static str = "With `ur5` or `epos4` as first argument: one such device alone, see `arthro-simulator epos4 --help`.";
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let scenario = Arc::new(config.checked()?.scenario()?);
         let [forceps_rad, arthroscope_rad] = scenario.spec.layout.start_joints_rad;
         let arms = [
@@ -97,7 +97,7 @@ impl Service for Server {
         };
         let (clock, ticking) = clock::start(options, driven);
         tokio::spawn(async move {
-            drain.started().await;
+            host.drain.started().await;
             ticking.abort();
             // The bus goes last: whoever drains still hears its drives.
             drop(can);

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use arthro_bootstrap::status;
-use arthro_bootstrap::{Drain, Service};
+use arthro_bootstrap::{Host, Service};
 use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::bench_service_client::BenchServiceClient;
 use arthro_proto::simulator::v1::camera_service_client::CameraServiceClient;
@@ -55,7 +55,7 @@ impl Served {
             can_listen: "127.0.0.1:0".parse().unwrap(),
             ..Config::default()
         };
-        let routes = Server::build(config, Drain::never()).await.unwrap();
+        let routes = Server::build(config, Host::alone()).await.unwrap();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         tokio::spawn(

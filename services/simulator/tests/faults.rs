@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
 use arthro_bootstrap::status;
-use arthro_bootstrap::{Drain, Service};
+use arthro_bootstrap::{Host, Service};
 use arthro_proto::common::v1::Arm;
 use arthro_proto::simulator::v1::fault_service_client::FaultServiceClient;
 use arthro_proto::simulator::v1::inject_robot_fault_request::Fault;
@@ -38,7 +38,7 @@ impl Served {
             },
             ..Config::default()
         };
-        let routes = Standalone::build(config, Drain::never()).await.unwrap();
+        let routes = Standalone::build(config, Host::alone()).await.unwrap();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         tokio::spawn(

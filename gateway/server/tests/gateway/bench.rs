@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use arthro_bootstrap::{Drain, Service as _, status};
+use arthro_bootstrap::{Host, Service as _, status};
 use arthro_gateway::config::{Calibration, Config, Pose};
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
@@ -260,7 +260,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
         .unwrap();
     let address = runtime
         .spawn(async move {
-            let routes = arthro_gateway::Server::build(config, Drain::never())
+            let routes = arthro_gateway::Server::build(config, Host::alone())
                 .await
                 .unwrap();
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();

@@ -1,6 +1,6 @@
 //! The gateway killed in the middle, and started again on the same journal.
 
-use arthro_bootstrap::{Drain, Service as _};
+use arthro_bootstrap::{Host, Service as _};
 use arthro_gateway::Config;
 use arthro_proto::gateway::v1::{CaseState, ProcedureState, RecoveryAction, StepKind, StepState};
 
@@ -171,7 +171,7 @@ async fn a_recovery_killed_in_turn_can_be_recovered() {
 }
 
 async fn start_error(config: Config) -> String {
-    let error = arthro_gateway::Server::build(config, Drain::never())
+    let error = arthro_gateway::Server::build(config, Host::alone())
         .await
         .expect_err("the gateway does not start");
     arthro_gateway::error::chain(&*error)
@@ -188,7 +188,7 @@ fn journal_at(path: std::path::PathBuf) -> Config {
 async fn a_journal_in_use_keeps_a_second_gateway_from_starting() {
     let folder = tempfile::tempdir().unwrap();
     let config = journal_at(folder.path().join("gateway.sqlite"));
-    let _first = arthro_gateway::Server::build(config.clone(), Drain::never())
+    let _first = arthro_gateway::Server::build(config.clone(), Host::alone())
         .await
         .unwrap();
     let error = start_error(config).await;

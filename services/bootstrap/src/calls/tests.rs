@@ -17,7 +17,7 @@ fn request(path: &str, timeout: Option<&str>) -> Request<Body> {
 }
 
 fn limits(max_calls: usize) -> CallLayer {
-    CallLayer::new(max_calls, Duration::from_millis(30))
+    CallLayer::new(max_calls, Duration::from_millis(30), Reports::new())
 }
 
 /// Never answers.

@@ -1,6 +1,6 @@
 //! Reconstruction over a real connection.
 
-use arthro_bootstrap::{Drain, Service as _};
+use arthro_bootstrap::{Host, Service as _};
 use arthro_geometry::scan::{Lattice, Scan, Voxels};
 use arthro_geometry::{Mesh, Point3};
 use arthro_proto::common::v1::mesh_chunk::Part;
@@ -21,7 +21,7 @@ use crate::shapes::{LABEL, TORUS, label_map, lattice, surface};
 
 /// A server on a free port, ended with its runtime.
 async fn client(config: Config) -> RegistrationServiceClient<Channel> {
-    let routes = Server::build(config, Drain::never()).await.unwrap();
+    let routes = Server::build(config, Host::alone()).await.unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     tokio::spawn(

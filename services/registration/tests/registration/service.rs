@@ -1,6 +1,6 @@
 //! The server over a real connection: a good client, and bad ones.
 
-use arthro_bootstrap::{Drain, Service as _};
+use arthro_bootstrap::{Host, Service as _};
 use arthro_proto::common::v1::{CloudHeader, Frame};
 use arthro_proto::registration::v1 as api;
 use arthro_proto::registration::v1::register_request::Payload;
@@ -20,7 +20,7 @@ pub async fn client() -> RegistrationServiceClient<Channel> {
 }
 
 async fn client_of(config: Config) -> RegistrationServiceClient<Channel> {
-    let routes = Server::build(config, Drain::never()).await.unwrap();
+    let routes = Server::build(config, Host::alone()).await.unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     tokio::spawn(

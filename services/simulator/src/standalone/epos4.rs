@@ -8,7 +8,7 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::simulator::v1::drive_fault_service_server::DriveFaultServiceServer;
 use epos4_link::bus::socketcand::server::Server;
 use serde::{Deserialize, Serialize};
@@ -70,7 +70,7 @@ impl Service for Standalone {
         Some(&["arthro.simulator.v1.DriveFaultService"]);
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let listen = config.checked()?;
         let bus = Bus::new(Bench::drives(config.nodes.as_slice()));
         let server = match listen {
@@ -88,7 +88,7 @@ impl Service for Standalone {
         announce(server.as_ref(), &config)?;
         let ticking = tokio::spawn(run(config, Arc::clone(&bus)));
         tokio::spawn(async move {
-            drain.started().await;
+            host.drain.started().await;
             ticking.abort();
             drop((server, wire));
         });

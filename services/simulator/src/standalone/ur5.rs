@@ -7,7 +7,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use arthro_bootstrap::{BoxError, Drain, Service};
+use arthro_bootstrap::{BoxError, Host, Service};
 use arthro_proto::common::v1 as common;
 use arthro_proto::simulator::v1::fault_service_server::FaultServiceServer;
 use serde::{Deserialize, Serialize};
@@ -69,7 +69,7 @@ impl Service for Standalone {
     const OFFERS: Option<&'static [&'static str]> = Some(&["arthro.simulator.v1.FaultService"]);
     type Config = Config;
 
-    async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
+    async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         config.checked()?;
         let controller: Shared = Arc::new(Mutex::new(Controller::new(config.arm.clone())));
         let options = ServerOptions {
@@ -94,7 +94,7 @@ impl Service for Standalone {
         };
         let ticking = tokio::spawn(run(config, controller, servers));
         tokio::spawn(async move {
-            drain.started().await;
+            host.drain.started().await;
             ticking.abort();
         });
         let faults = FaultApi::new(vec![patient]);
