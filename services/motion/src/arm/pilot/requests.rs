@@ -149,7 +149,7 @@ impl Pilot {
     }
 
     fn set_portal(&mut self, portal: Portal) -> Result<(), Error> {
-        let (state, seen) = self.latest.ok_or_else(|| self.not_connected())?;
+        let (_, seen) = self.latest.ok_or_else(|| self.not_connected())?;
         if !self.is_standing() {
             return Err(Error::Moving);
         }
@@ -158,12 +158,11 @@ impl Pilot {
                 depth_mm: placement.depth_mm,
             });
         }
-        // Who is answered, and what is asked next, must not be told of a tip inside that it is outside.
-        let seen = self
-            .supervisor
-            .against(seen, &portal.point, portal.axis.as_ref());
-        self.latest = Some((state, seen));
         self.portal = Some(portal);
+        if let Some((_, seen)) = &mut self.latest {
+            self.supervisor
+                .place(seen, &portal.point, portal.axis.as_ref());
+        }
         Ok(())
     }
 
