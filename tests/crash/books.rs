@@ -136,3 +136,91 @@ pub fn interrupted_bite(report: &GetReportResponse, decided: i32) -> i32 {
         .map(|step| step.bite + 1);
     released.max().unwrap_or(0).max(decided)
 }
+
+#[cfg(test)]
+mod tests {
+    use arthro_proto::gateway::v1::{BiteOutcome, Procedure};
+
+    use super::*;
+
+    fn report(bites: &[(i32, StepState)]) -> GetReportResponse {
+        let steps: Vec<Step> = (1..)
+            .zip(bites)
+            .map(|(sequence, &(bite, state))| Step {
+                sequence,
+                kind: StepKind::Bite.into(),
+                state: state.into(),
+                bite,
+                ..Default::default()
+            })
+            .collect();
+        let done = bites.iter().filter(|(_, state)| *state == StepState::Done);
+        GetReportResponse {
+            procedure: Some(Procedure {
+                state: ProcedureState::Completed.into(),
+                bites_planned: 2,
+                bites_done: 2,
+                ..Default::default()
+            }),
+            bites: vec![BiteOutcome::default(); done.count()],
+            steps,
+        }
+    }
+
+    #[test]
+    fn accounts_that_agree_find_nothing() {
+        let mut books = Books::open(7);
+        let report = report(&[(0, StepState::Done), (1, StepState::Done)]);
+        let difference = books.compare(&report, 9);
+        assert!(difference.disagreements.is_empty(), "{difference:?}");
+        assert!(books.close(&report).disagreements.is_empty());
+    }
+
+    #[test]
+    fn a_bite_in_doubt_is_what_the_referee_saw() {
+        for (closures, made) in [(0, 0), (1, 1)] {
+            let mut books = Books::open(0);
+            let report = report(&[(0, StepState::InDoubt)]);
+            let difference = books.compare(&report, closures);
+            assert!(difference.disagreements.is_empty(), "{difference:?}");
+            assert_eq!(books.made(&report, 0), made);
+        }
+    }
+
+    #[test]
+    fn a_done_bite_that_nobody_saw_is_lost() {
+        let mut books = Books::open(0);
+        let difference = books.compare(&report(&[(0, StepState::Done)]), 0);
+        assert_eq!((difference.lost, difference.repeated), (1, 0));
+        assert_eq!(difference.disagreements.len(), 1);
+    }
+
+    #[test]
+    fn a_closure_after_a_bite_that_failed_is_one_too_many() {
+        let mut books = Books::open(0);
+        let difference = books.compare(&report(&[(0, StepState::Failed)]), 1);
+        assert_eq!((difference.lost, difference.repeated), (0, 1));
+    }
+
+    #[test]
+    fn a_bite_made_twice_is_repeated_unless_that_was_decided() {
+        let twice = report(&[
+            (0, StepState::Done),
+            (0, StepState::Done),
+            (1, StepState::Done),
+        ]);
+        let mut books = Books::open(0);
+        books.compare(&twice, 3);
+        assert_eq!(books.close(&twice).repeated, 1);
+        books.decide_repeat(0);
+        assert_eq!(books.close(&twice).repeated, 0);
+    }
+
+    #[test]
+    fn a_planned_bite_that_was_never_made_is_lost() {
+        let mut books = Books::open(0);
+        let report = report(&[(0, StepState::Done)]);
+        books.compare(&report, 1);
+        assert_eq!(books.close(&report).lost, 1);
+    }
+}

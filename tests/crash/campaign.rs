@@ -1,38 +1,31 @@
 //! One cell of the campaign: procedures are performed, struck, looked at, decided about and performed to their end.
 
+mod decide;
+mod follow;
+mod rest;
+
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use arthro_proto::gateway::v1::{
-    GetReportRequest, GetReportResponse, Procedure, ProcedureState, RecoverProcedureRequest,
-    RecoveryAction, StartProcedureRequest, Step, StepKind, StepState, WatchProcedureRequest,
+    GetReportRequest, GetReportResponse, Procedure, ProcedureState, StartProcedureRequest, StepKind,
 };
-use rand::{Rng as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use tonic::Status;
 
 use crate::Result;
-use crate::books::{Books, Difference, interrupted_bite};
+use crate::books::Books;
 use crate::service::Started;
-use crate::strike::{AtStep, AtWrite, Moment, Schedule, Victim};
+use crate::strike::{AtStep, AtWrite, Schedule, Victim};
 use crate::tally::{Outcome, Tally};
-use crate::truth::Pose;
 use crate::world::{CaseWork, Cut, World};
 
 /// Procedures on one knee; later bites find less tissue.
 const PROCEDURES_A_KNEE: u32 = 8;
 /// Procedures without a blow before what is left counts as never due.
 const PROCEDURES_IN_VAIN: u32 = 3;
-/// A procedure is looked at so long, cell time, before it is decided about.
-const HOLD_S: f64 = 8.0;
-/// Everything must have come to rest within this time of the cell, unless it is moved.
-const REST_LIMIT_S: f64 = 600.0;
-/// Without a word of the procedure for so long, wall time, something hangs.
-const SILENCE: Duration = Duration::from_secs(90);
 /// Decisions about one interruption before it counts as stuck.
 const DECISIONS: u32 = 8;
-/// A step whose length is not known yet is taken for so long, cell time.
-const STEP_S: f64 = 1.0;
 /// Cells that may break down before the campaign gives up.
 const BREAKDOWNS: u32 = 3;
 
@@ -287,300 +280,6 @@ impl Campaign<'_> {
             .await?
             .into_inner())
     }
-}
-
-impl Campaign<'_> {
-    /// Watches a procedure and strikes what is due, until it halts.
-    async fn follow(&mut self, procedure_id: &str) -> Result<Halt> {
-        let request = WatchProcedureRequest {
-            procedure_id: procedure_id.to_owned(),
-        };
-        let mut states = match self.world.procedures()?.watch_procedure(request).await {
-            Ok(states) => states.into_inner(),
-            Err(status) if is_gone(&status) => return Ok(Halt::GatewayDied),
-            Err(status) => return Err(status.into()),
-        };
-        let mut before: Option<Step> = None;
-        loop {
-            let message = match tokio::time::timeout(SILENCE, states.message()).await? {
-                Ok(Some(message)) => message,
-                Ok(None) | Err(_) => return Ok(Halt::GatewayDied),
-            };
-            let procedure = message.procedure.ok_or("a message without procedure")?;
-            match procedure.state() {
-                ProcedureState::Completed | ProcedureState::Aborted => {
-                    let last = before.as_ref().or(procedure.step.as_ref());
-                    if let Some(step) = last.cloned() {
-                        self.strike_at_the_end(&step).await?;
-                    }
-                    return Ok(Halt::Over);
-                }
-                ProcedureState::Interrupted => return Ok(Halt::Interrupted(procedure.into())),
-                _ => {}
-            }
-            let Some(step) = procedure.step else {
-                continue;
-            };
-            for (kind, moment) in moments(before.as_ref(), &step) {
-                while let Some(at) = self.schedule.take(kind, moment) {
-                    let cut = self.strike(at, &step).await?;
-                    if at.victim.is_needed() {
-                        return Ok(Halt::Struck(at, cut));
-                    }
-                    self.world.service(at.victim)?.start().await?;
-                    self.tally
-                        .blow(at.victim.name(), &word(kind), Outcome::WentOn);
-                }
-            }
-            before = Some(step);
-        }
-    }
-
-    async fn strike(&mut self, at: AtStep, step: &Step) -> Result<Option<Cut>> {
-        if at.moment == Moment::Middle {
-            let length_s = self.lengths_s.get(&step.kind).copied().unwrap_or(STEP_S);
-            let into_s = length_s * self.rng.random_range(0.1..0.9);
-            let reached = self
-                .world
-                .controller_time(step.started_controller_s + into_s);
-            tokio::time::timeout(SILENCE, reached).await??;
-        }
-        self.last_blow = format!(
-            "{} at {} of {} {}",
-            at.victim.name(),
-            at.moment.name(),
-            word(at.kind),
-            step.sequence
-        );
-        if at.victim.is_process() {
-            self.world.service(at.victim)?.kill().await?;
-            return Ok(None);
-        }
-        Ok(Some(self.world.cut(at.victim).await?))
-    }
-
-    /// What was due at the end of the last step is struck when the procedure is over.
-    async fn strike_at_the_end(&mut self, last: &Step) -> Result<()> {
-        while let Some(at) = self.schedule.take(last.kind(), Moment::End) {
-            let cut = self.strike(at, last).await?;
-            self.bring_back(at, cut, false).await?;
-            self.tally
-                .blow(at.victim.name(), &word(at.kind), Outcome::WentOn);
-        }
-        Ok(())
-    }
-
-    /// Brings back what was struck, early or late, and waits until everything rests. Whether the procedure is over.
-    async fn after_blow(
-        &mut self,
-        procedure_id: &str,
-        at: AtStep,
-        cut: Option<Cut>,
-    ) -> Result<bool> {
-        let early = self.rng.random_bool(0.5);
-        if at.victim.is_process() && early {
-            self.world.service(at.victim)?.start().await?;
-        }
-        if at.victim != Victim::Gateway {
-            match self.follow_to_halt(procedure_id).await? {
-                Halt::Over => {
-                    self.bring_back(at, cut, early).await?;
-                    self.tally
-                        .blow(at.victim.name(), &word(at.kind), Outcome::WentOn);
-                    return Ok(true);
-                }
-                Halt::Interrupted(_) => {}
-                _ => return Err("the gateway ended by itself".into()),
-            }
-        }
-        let rest = self.rest().await?;
-        self.bring_back(at, cut, early).await?;
-        self.hold(&rest).await?;
-        Ok(false)
-    }
-
-    async fn bring_back(&mut self, at: AtStep, cut: Option<Cut>, early: bool) -> Result<()> {
-        if let Some(cut) = cut {
-            self.world.mend(cut).await?;
-        }
-        if at.victim.is_process() && !early {
-            self.world.service(at.victim)?.start().await?;
-        }
-        Ok(())
-    }
-
-    /// The same without blows.
-    async fn follow_to_halt(&mut self, procedure_id: &str) -> Result<Halt> {
-        let kept = std::mem::take(self.schedule);
-        let halt = self.follow(procedure_id).await;
-        *self.schedule = kept;
-        halt
-    }
-
-    async fn at_rest(&mut self) -> Result<()> {
-        let rest = self.rest().await?;
-        self.hold(&rest).await
-    }
-
-    /// Waits until what was commanded has ended and nothing moves.
-    async fn rest(&mut self) -> Result<Pose> {
-        let since_s = self.world.witness.cell_time_s().await?;
-        let mut before = self.world.witness.pose().await?;
-        loop {
-            self.world.witness.let_pass(1.0).await?;
-            let under_way = self.world.under_way().await;
-            let now = self.world.witness.pose().await?;
-            let unrest = now.moved_since(&before).or(under_way);
-            let Some(unrest) = unrest else {
-                return Ok(now);
-            };
-            if now.cell_time_s - since_s > REST_LIMIT_S {
-                return Err(format!("no rest within {REST_LIMIT_S} s: {unrest}").into());
-            }
-            before = now;
-        }
-    }
-
-    /// From rest on nothing may move, nor the jaw close, until somebody decides.
-    async fn hold(&mut self, rest: &Pose) -> Result<()> {
-        let closures = self.world.witness.closures().await?;
-        self.world.leases_gone().await?;
-        for _ in 0..4 {
-            self.world.witness.let_pass(HOLD_S / 4.0).await?;
-            let now = self.world.witness.pose().await?;
-            if let Some(moved) = now.moved_since(rest) {
-                self.tally.moved_by_itself += 1;
-                self.found(format!(
-                    "{moved} within {:.1} s of rest",
-                    now.cell_time_s - rest.cell_time_s
-                ));
-                break;
-            }
-        }
-        let closed = self.world.witness.closures().await? - closures;
-        if closed > 0 {
-            self.tally.moved_by_itself += 1;
-            self.found(format!("the jaw closed {closed} times by itself"));
-        }
-        Ok(())
-    }
-}
-
-impl Campaign<'_> {
-    /// Compares journal and referee, and learns from the journal.
-    async fn judge(&mut self, books: &mut Books, report: &GetReportResponse) -> Result<Outcome> {
-        for step in &report.steps {
-            if step.state() == StepState::Done
-                && step.ended_controller_s > step.started_controller_s
-            {
-                let length_s = step.ended_controller_s - step.started_controller_s;
-                self.lengths_s.insert(step.kind, length_s);
-            }
-        }
-        let difference = books.compare(report, self.world.witness.closures().await?);
-        self.differ(report, difference);
-        let last = report.steps.last();
-        if let Some(step) = last.filter(|step| step.state() == StepState::Intended) {
-            self.tally.disagreements += 1;
-            self.found(format!("{} is still INTENDED", word(step.kind())));
-        }
-        let in_doubt = last.is_some_and(|step| step.state() == StepState::InDoubt);
-        Ok(if in_doubt {
-            Outcome::InDoubt
-        } else {
-            Outcome::Interrupted
-        })
-    }
-
-    fn differ(&mut self, report: &GetReportResponse, difference: Difference) {
-        self.tally.bites_lost += difference.lost;
-        self.tally.bites_repeated += difference.repeated;
-        self.tally.disagreements += difference.disagreements.len() as u32;
-        for disagreement in difference.disagreements {
-            let steps: Vec<String> = report
-                .steps
-                .iter()
-                .map(|step| {
-                    format!(
-                        "{} {} {}",
-                        word(step.kind()),
-                        step.bite,
-                        step.state().as_str_name()
-                    )
-                })
-                .collect();
-            self.found(format!("{disagreement}; journal: {}", steps.join(", ")));
-        }
-    }
-
-    fn found(&mut self, what: String) {
-        let finding = format!("{}, after {}: {what}", self.name, self.last_blow);
-        eprintln!("FOUND: {finding}");
-        self.tally.findings.push(finding);
-    }
-
-    /// The operator knows what is true and mostly decides by it; now and then the bite is given up, or made again.
-    async fn decide(
-        &mut self,
-        books: &mut Books,
-        report: &GetReportResponse,
-        decided: &mut i32,
-    ) -> Result<()> {
-        let procedure = report
-            .procedure
-            .as_ref()
-            .ok_or("a report without procedure")?;
-        if procedure.state() != ProcedureState::Interrupted {
-            self.tally.disagreements += 1;
-            self.found(format!(
-                "{} instead of INTERRUPTED",
-                procedure.state().as_str_name()
-            ));
-        }
-        let bite = interrupted_bite(report, *decided);
-        let made = books.made(report, bite) > 0;
-        let action = match self.rng.random_range(0..20) {
-            0 => RecoveryAction::Withdraw,
-            1 if made => {
-                books.decide_repeat(bite);
-                RecoveryAction::RepeatBite
-            }
-            _ if made => {
-                *decided = bite + 1;
-                RecoveryAction::MarkDone
-            }
-            _ => RecoveryAction::RepeatBite,
-        };
-        self.world.ready().await?;
-        let request = RecoverProcedureRequest {
-            procedure_id: procedure.procedure_id.clone(),
-            action: action.into(),
-            operator: "campaign".to_owned(),
-        };
-        match self.world.procedures()?.recover_procedure(request).await {
-            Ok(_) => Ok(()),
-            // It died in the call; `follow` sees that.
-            Err(status) if is_gone(&status) && self.awaited.is_some() => Ok(()),
-            Err(status) => Err(format!("{} refused: {status}", action.as_str_name()).into()),
-        }
-    }
-}
-
-/// The moments that have come between two messages. A message may tell of the next step without having told of the end of
-/// the last.
-fn moments(before: Option<&Step>, now: &Step) -> Vec<(StepKind, Moment)> {
-    let mut moments = Vec::new();
-    if let Some(before) = before.filter(|before| before.state() == StepState::Intended)
-        && (before.sequence != now.sequence || now.state() == StepState::Done)
-    {
-        moments.push((before.kind(), Moment::End));
-    }
-    let is_new = before.is_none_or(|before| before.sequence != now.sequence);
-    if is_new && now.state() == StepState::Intended {
-        moments.push((now.kind(), Moment::Begin));
-        moments.push((now.kind(), Moment::Middle));
-    }
-    moments
 }
 
 /// Whether it was the connection that failed, and not the gateway that refused.
