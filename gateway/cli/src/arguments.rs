@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 mod can;
 mod local;
 mod planning;
+mod requests;
 mod robot;
 
 pub use can::{
@@ -20,6 +21,7 @@ pub use local::{
     Reconstruct, Register,
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
+pub use requests::{ModelRequests, Requests, SceneRequests};
 pub use robot::{
     ArmName, AxisName, Controller, Dashboard, Jog, Portal, Robot, RobotCommand, RobotState, Taught,
 };
@@ -57,6 +59,9 @@ pub enum Command {
     /// Creates and shows cases, and takes them from their scene to an approved plan.
     #[command(subcommand)]
     Case(Case),
+    /// Prints an upload as JSON, one message a line, for `grpcurl -d @`.
+    #[command(subcommand)]
+    Requests(Requests),
     /// Finds a model in a view, from two files, without any server.
     Register(Register),
     /// Plans a resection from files, without any server.

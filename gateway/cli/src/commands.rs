@@ -23,7 +23,8 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, register, robot, scene,
+    bench, calibrate, can, cell, demo, evaluate, plan, reconstruct, register, requests, robot,
+    scene,
 };
 
 /// Runs one command to its end.
@@ -36,6 +37,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         // Started before any runtime exists; see `main`.
         Command::Serve(_) => Ok(()),
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
+        Command::Requests(which) => requests::run(which).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Plan(arguments) => plan::run(*arguments, output).await,
         Command::Evaluate(arguments) => evaluate::run(&arguments, output),

@@ -23,6 +23,7 @@ mod plan;
 mod reconstruct;
 mod register;
 mod report;
+mod requests;
 mod robot;
 mod scene;
 mod serve;
