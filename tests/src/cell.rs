@@ -53,19 +53,19 @@ pub struct Cell {
 
 /// The `arthro` binary that `tests/run` built.
 pub fn arthro() -> PathBuf {
-    let test = std::env::current_exe().expect("a running test has a path");
-    // target/release/deps/test-xyz -> target/release/arthro
-    let folder = test
-        .ancestors()
-        .nth(2)
-        .expect("tests run from the target folder");
-    let binary = folder.join("arthro");
-    assert!(
-        binary.is_file(),
-        "{} does not exist; build it with `cargo build --release`, or use tests/run",
-        binary.display()
-    );
+    let this = std::env::current_exe().expect("a running test has a path");
+    // Of target/release/deps/test-xyz, or of a program beside it: target/release/arthro.
+    let beside = this.ancestors().skip(1).take(2);
+    let binary = beside.map(|folder| folder.join("arthro"));
     binary
+        .into_iter()
+        .find(|binary| binary.is_file())
+        .unwrap_or_else(|| {
+            panic!(
+                "no arthro beside {}; build it with `cargo build --release`, or use tests/run",
+                this.display()
+            )
+        })
 }
 
 impl Cell {
@@ -76,12 +76,18 @@ impl Cell {
 
     /// The same with further flags of `arthro up`.
     pub async fn up_with(flags: &[&str]) -> Self {
+        Self::up_telling(flags, Stdio::inherit()).await
+    }
+
+    /// The same; what it has to say to a person goes to `told`.
+    pub async fn up_telling(flags: &[&str], told: Stdio) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let mut process = Command::new(arthro())
             .args(["up", "--json", "--free-ports", "--state"])
             .arg(folder.path())
             .args(flags)
             .stdout(Stdio::piped())
+            .stderr(told)
             .kill_on_drop(true)
             .spawn()
             .expect("arthro starts");

@@ -11,6 +11,7 @@ mod can;
 mod local;
 mod planning;
 mod recording;
+mod requests;
 mod robot;
 
 pub use audit::{Audit, AuditExport, AuditKindName, AuditList, AuditVerify};
@@ -24,6 +25,7 @@ pub use local::{
 };
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
 pub use recording::{Record, Replay};
+pub use requests::{ModelRequests, Requests, SceneRequests};
 pub use robot::{
     ArmName, AxisName, Controller, Dashboard, Jog, Portal, Robot, RobotCommand, RobotState, Taught,
 };
@@ -61,6 +63,9 @@ pub enum Command {
     /// Creates and shows cases, and takes them from their scene to an approved plan.
     #[command(subcommand)]
     Case(Case),
+    /// Prints an upload as JSON, one message a line, for `grpcurl -d @`.
+    #[command(subcommand)]
+    Requests(Requests),
     /// Finds a model in a view, from two files, without any server.
     Register(Register),
     /// Plans a resection from files, without any server.

@@ -24,7 +24,7 @@ use crate::output::Output;
 use crate::plan::marks;
 use crate::{
     audit, bench, calibrate, calibrations, can, cell, demo, evaluate, plan, reconstruct, record,
-    register, robot, scene,
+    register, requests, robot, scene,
 };
 
 /// Runs one command to its end.
@@ -43,6 +43,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Serve(_) | Command::Replay(_) => Ok(()),
         Command::Audit(audit) => Box::pin(audit::run(audit, connect, output)).await,
         Command::Case(case) => run_case(case, &mut connect().await?, output).await,
+        Command::Requests(which) => requests::run(which).await,
         Command::Register(register) => register::run(register, output).await,
         Command::Plan(arguments) => plan::run(*arguments, output).await,
         Command::Evaluate(arguments) => evaluate::run(&arguments, output),

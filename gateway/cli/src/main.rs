@@ -26,6 +26,7 @@ mod reconstruct;
 mod record;
 mod register;
 mod report;
+mod requests;
 mod robot;
 mod scene;
 mod serve;

@@ -501,6 +501,22 @@ async fn moves_through_the_portal_need_one() {
 }
 
 #[tokio::test]
+async fn a_tip_beyond_a_portal_is_inside_as_soon_as_the_portal_is_stated() {
+    let robot = FakeRobot::new(tool_arm(), START);
+    let pose = tool_arm().base_from_tool(&START);
+    let portal = pose.origin() - shaft(&pose) * 20.0;
+    let mut cell = Cell::with(robot, None, portal);
+    cell.connected().await;
+    cell.token = cell.acquire();
+    let mut published = cell.handle.published();
+    let with_portal = published.wait_for(|published| published.portal.is_some());
+    let by = cell.by();
+    let (stated, seen) = tokio::join!(cell.handle.set_portal(by, b"", portal), with_portal);
+    stated.unwrap();
+    assert!(seen.unwrap().state.as_ref().unwrap().inside);
+}
+
+#[tokio::test]
 async fn depths_and_directions_are_limited() {
     let mut cell = Cell::new().await;
     assert_eq!(cell.refusal(insert(80.5)).await, "TOO_DEEP");
