@@ -29,7 +29,7 @@ const BATCH: usize = 256;
 /// Notes that wait for a journal that cannot be written.
 const WAITING_MOST: usize = 16_384;
 /// How often another gateway on the same journal may be first before this one gives up.
-const ATTEMPTS: usize = 20;
+const ATTEMPTS: usize = 500;
 /// How often notes that could not be written are tried again.
 const RETRY: Duration = Duration::from_secs(1);
 
