@@ -82,11 +82,12 @@ pub trait Journal: Send + Sync + 'static {
     /// What the jaw did, in order.
     async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError>;
 
-    /// Appends to the audit, all or nothing; fails where one of the numbers is taken. Not fenced: what a gateway that
-    /// is not in command refuses, and every stop, is recorded too.
-    async fn append_audit(&self, links: &[Link]) -> Result<(), JournalError>;
-    /// Where the audit ends.
-    async fn audit_tail(&self) -> Result<Tail, JournalError>;
+    /// Appends to the audit what `link` makes of its end, all or nothing; nobody else writes to it meanwhile. Not fenced:
+    /// what a gateway that is not in command refuses, and every stop, is recorded too.
+    async fn append_audit(
+        &self,
+        link: &(dyn Fn(Tail) -> Vec<Link> + Sync),
+    ) -> Result<(), JournalError>;
     /// The hash of one entry of the audit.
     async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError>;
     /// At most `limit` entries of the audit.

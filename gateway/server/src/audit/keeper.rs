@@ -7,8 +7,8 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
@@ -28,8 +28,6 @@ const QUEUE: usize = 4096;
 const BATCH: usize = 256;
 /// Notes that wait for a journal that cannot be written.
 const WAITING_MOST: usize = 16_384;
-/// How often another gateway on the same journal may be first before this one gives up.
-const ATTEMPTS: usize = 20;
 /// How often notes that could not be written are tried again.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -82,7 +80,6 @@ struct Keeper {
     journal: Arc<dyn Journal>,
     key: SigningKey,
     heads: HeadsFile,
-    tail: Tail,
     waiting: VecDeque<Item>,
     lost: Arc<AtomicU64>,
 }
@@ -92,7 +89,6 @@ struct Keeper {
 impl Audit {
     /// Goes on where the journal's chain ends.
     pub async fn open(journal: Arc<dyn Journal>, options: Options) -> Result<Self, AuditFailed> {
-        let tail = journal.audit_tail().await.map_err(failed)?;
         let heads = HeadsFile::open(&options.heads).await.map_err(failed)?;
         let (queue, items) = mpsc::channel(QUEUE);
         let lost = Arc::new(AtomicU64::new(0));
@@ -102,7 +98,6 @@ impl Audit {
             journal: journal.clone(),
             key: options.key,
             heads,
-            tail,
             waiting: VecDeque::new(),
             lost: lost.clone(),
         };
@@ -291,39 +286,36 @@ impl Keeper {
         self.waiting = stays;
     }
 
-    /// Writes the batch after the chain's end, wherever another gateway has taken that meanwhile; the chain's head then.
+    /// Writes the batch after the chain's end, which another gateway may have moved; the chain's head then.
     async fn write(&mut self, batch: &[Item]) -> Result<Head, AuditFailed> {
-        for _ in 0..ATTEMPTS {
-            let links = self.link(batch);
-            let Some(last) = links.last() else {
-                return Err(AuditFailed("there is nothing to write".to_owned()));
-            };
-            if let Err(error) = self.journal.append_audit(&links).await {
-                // A write that failed may still have been written; and another gateway may have been first.
-                let tail = self.journal.audit_tail().await.map_err(failed)?;
-                let written = self
-                    .journal
-                    .audit_hash(last.sequence)
-                    .await
-                    .map_err(failed)?;
-                if written != Some(last.hash) {
-                    if tail == self.tail {
-                        return Err(failed(error));
-                    }
-                    self.tail = tail;
-                    continue;
+        let links = Mutex::new(Vec::new());
+        let link_to = |tail| {
+            let linked = self.link(batch, tail);
+            links
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .clone_from(&linked);
+            linked
+        };
+        let appended = self.journal.append_audit(&link_to).await;
+        let links = links.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let last = links.last();
+        match (appended, last) {
+            (Ok(()), Some(last)) => Ok(Head::from(last)),
+            // A write that failed may still have been written.
+            (Err(error), Some(last)) => {
+                let written = self.journal.audit_hash(last.sequence).await;
+                match written.map_err(failed)? == Some(last.hash) {
+                    true => Ok(Head::from(last)),
+                    false => Err(failed(error)),
                 }
             }
-            self.tail = Tail::from(last);
-            return Ok(Head::from(last));
+            (Err(error), None) => Err(failed(error)),
+            (Ok(()), None) => Err(AuditFailed("nothing was written".to_owned())),
         }
-        Err(AuditFailed(format!(
-            "another gateway was first {ATTEMPTS} times"
-        )))
     }
 
-    fn link(&self, batch: &[Item]) -> Vec<Link> {
-        let mut tail = self.tail;
+    fn link(&self, batch: &[Item], mut tail: Tail) -> Vec<Link> {
         let link = |item: &Item| {
             let mut entry = item.entry.clone();
             if let Some(place) = &item.answers {

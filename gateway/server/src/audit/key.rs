@@ -103,15 +103,7 @@ impl SigningKey {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 let document = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new())
                     .map_err(|_| KeyError::Random)?;
-                let mut file = OpenOptions::new()
-                    .write(true)
-                    .create_new(true)
-                    .mode(0o600)
-                    .open(path)
-                    .map_err(failed)?;
-                file.write_all(pem(PRIVATE_LABEL, document.as_ref()).as_bytes())
-                    .and_then(|()| file.sync_all())
-                    .map_err(failed)?;
+                make(path, pem(PRIVATE_LABEL, document.as_ref()).as_bytes()).map_err(failed)?;
             }
             Err(error) => return Err(failed(error)),
             Ok(metadata) => {
@@ -230,6 +222,26 @@ impl PublicKey {
         UnparsedPublicKey::new(&ED25519, self.bytes)
             .verify(bytes, signature)
             .is_ok()
+    }
+}
+
+/// Puts a file there whole, unless another gateway that starts at the same time was first.
+fn make(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut fresh = path.as_os_str().to_owned();
+    fresh.push(format!(".{}", std::process::id()));
+    let fresh = PathBuf::from(fresh);
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(&fresh)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    let linked = std::fs::hard_link(&fresh, path);
+    std::fs::remove_file(&fresh)?;
+    match linked {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
     }
 }
 

@@ -198,12 +198,11 @@ impl Journal for SqlJournal {
         procedures::bite_outcomes(&self.readers, procedure_id).await
     }
 
-    async fn append_audit(&self, links: &[Link]) -> Result<(), JournalError> {
-        audit::insert(&self.writer, links).await
-    }
-
-    async fn audit_tail(&self) -> Result<Tail, JournalError> {
-        audit::tail(&self.readers).await
+    async fn append_audit(
+        &self,
+        link: &(dyn Fn(Tail) -> Vec<Link> + Sync),
+    ) -> Result<(), JournalError> {
+        audit::append(&self.writer, self.dialect, link).await
     }
 
     async fn audit_hash(&self, sequence: u64) -> Result<Option<Digest>, JournalError> {

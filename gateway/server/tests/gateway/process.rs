@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use arthro_gateway::Config;
+use arthro_gateway::config::AuditConfig;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::ProcedureState;
 use tonic::Status;
@@ -26,6 +27,11 @@ impl Gateway {
         let folder = tempfile::tempdir().unwrap();
         let config = Config {
             name: name.to_owned(),
+            audit: AuditConfig {
+                key: Some(folder.path().join("audit-key")),
+                heads: Some(folder.path().join("audit-heads")),
+                ..AuditConfig::default()
+            },
             ..config.clone()
         };
         let file = folder.path().join("cell.toml");

@@ -118,7 +118,7 @@ async fn what_was_recorded_is_neither_changed_nor_deleted_nor_written_twice(stor
     writer.record(2).await;
     let rows = journal.audit(&AuditFilter::default(), 10).await.unwrap();
     let last = rows[1].link.clone().unwrap();
-    assert!(journal.append_audit(&[last]).await.is_err());
+    assert!(journal.append_audit(&|_| vec![last.clone()]).await.is_err());
     for statement in ["UPDATE audit SET detail = 'x'", "DELETE FROM audit"] {
         let refused = store.execute(statement).await.unwrap_err();
         assert!(refused.to_string().contains("append only"), "{refused}");

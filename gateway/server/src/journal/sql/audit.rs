@@ -2,7 +2,7 @@
 //! not fenced: a gateway that is not in command refuses and stops, and that is recorded too.
 
 use sqlx::any::AnyRow;
-use sqlx::{AnyPool, Row as _};
+use sqlx::{AnyConnection, AnyPool, Row as _};
 
 use super::{Dialect, rows};
 use crate::approval::Digest;
@@ -46,10 +46,23 @@ pub async fn guard(pool: &AnyPool, dialect: Dialect) -> Result<(), sqlx::Error> 
     Ok(())
 }
 
-/// Adds entries, all or none.
-pub async fn insert(pool: &AnyPool, links: &[Link]) -> Result<(), JournalError> {
+/// Keeps gateways on one server apart while one of them appends; whoever waits is served in turn.
+const LOCK_IN_POSTGRES: &str = "SELECT pg_advisory_xact_lock(7220106)";
+
+/// Adds what `link` makes of the chain's end, all or none. An SQLite file has one connection that writes.
+pub async fn append(
+    pool: &AnyPool,
+    dialect: Dialect,
+    link: &(dyn Fn(Tail) -> Vec<Link> + Sync),
+) -> Result<(), JournalError> {
     let mut transaction = pool.begin().await?;
-    for link in links {
+    if dialect == Dialect::Postgres {
+        sqlx::raw_sql(LOCK_IN_POSTGRES)
+            .execute(&mut *transaction)
+            .await?;
+    }
+    let links = link(tail(&mut *transaction).await?);
+    for link in &links {
         let entry = &link.entry;
         sqlx::query(INSERT)
             .bind(rows::integer(link.sequence))
@@ -79,9 +92,9 @@ pub async fn insert(pool: &AnyPool, links: &[Link]) -> Result<(), JournalError> 
 }
 
 /// Where the chain ends.
-pub async fn tail(pool: &AnyPool) -> Result<Tail, JournalError> {
+async fn tail(connection: &mut AnyConnection) -> Result<Tail, JournalError> {
     let row = sqlx::query("SELECT sequence, hash FROM audit ORDER BY sequence DESC LIMIT 1")
-        .fetch_optional(pool)
+        .fetch_optional(connection)
         .await?;
     let Some(row) = row else {
         return Ok(Tail::EMPTY);
