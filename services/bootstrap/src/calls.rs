@@ -3,12 +3,9 @@
 //! A deadline that passes is answered DEADLINE_EXCEEDED, before the answer and in the middle of a
 //! stream, and drops the handler, so that its work stops. Over a limit a call is refused at once
 //! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: calls named `Stop…` pass.
-//!
-//! Calls that ask for the processor take turns ([`Turns`]), so that a stop, which waits for none, finds few others before
-//! it where a hundred clients ask as fast as they are answered.
 
 use std::net::SocketAddr;
-use std::pin::{Pin, pin};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
@@ -26,10 +23,6 @@ use crate::host::{RefusedCall, Reports};
 use crate::identity::Caller;
 use crate::status;
 
-mod turns;
-
-use turns::{Turn, Turns};
-
 /// When the caller stops waiting; found in the request's extensions.
 #[derive(Clone, Copy, Debug)]
 pub struct Deadline(pub Instant);
@@ -41,8 +34,6 @@ pub struct Limits {
     pub max_calls: usize,
     /// Calls whose answer has not ended, however idle it is.
     pub max_streams: usize,
-    /// Calls that may have the processors at the same time; 0 for so many as suit the machine.
-    pub max_turns: usize,
     /// For calls that bring none.
     pub default_deadline: Duration,
 }
@@ -53,7 +44,6 @@ pub struct CallLayer {
     limits: Limits,
     calls: Arc<Semaphore>,
     streams: Arc<Semaphore>,
-    turns: Turns,
     reports: Reports,
 }
 
@@ -79,7 +69,6 @@ impl CallLayer {
             limits,
             calls: Arc::new(Semaphore::new(limits.max_calls)),
             streams: Arc::new(Semaphore::new(limits.max_streams)),
-            turns: Turns::new(limits.max_turns),
             reports,
         }
     }
@@ -150,25 +139,12 @@ where
         let deadline = began + asked.unwrap_or(self.layer.limits.default_deadline);
         request.extensions_mut().insert(Deadline(deadline));
         let answer = self.inner.call(request);
-        let turns = self.layer.turns.clone();
         Box::pin(async move {
-            let mut turn = match &admitted {
-                Some(_) => turns.take().await,
-                None => Turn::NOT_NEEDED,
-            };
             let (call, stream) = match admitted {
                 Some(Admitted { call, stream }) => (Some(call), Some(stream)),
                 None => (None, None),
             };
-            let mut answer = pin!(tokio::time::timeout_at(deadline, answer));
-            let outcome = match at_once(answer.as_mut()).await {
-                Poll::Ready(outcome) => outcome,
-                Poll::Pending => {
-                    // It waits for something else than the processor.
-                    turn = Turn::NOT_NEEDED;
-                    answer.await
-                }
-            };
+            let outcome = tokio::time::timeout_at(deadline, answer).await;
             drop(call);
             let elapsed_ms = began.elapsed().as_secs_f64() * 1e3;
             match outcome {
@@ -177,8 +153,7 @@ where
                     // Only a deadline that the caller set bounds a stream: watching may go on for ever.
                     let deadline = asked.map(|_| deadline);
                     response.map(|response| {
-                        response
-                            .map(|body| Body::new(AnswerBody::new(body, deadline, stream, turn)))
+                        response.map(|body| Body::new(AnswerBody::new(body, deadline, stream)))
                     })
                 }
                 Err(_) => {
@@ -188,11 +163,6 @@ where
             }
         })
     }
-}
-
-/// What a future has to say now.
-async fn at_once<F: Future>(mut future: Pin<&mut F>) -> Poll<F::Output> {
-    std::future::poll_fn(|context| Poll::Ready(future.as_mut().poll(context))).await
 }
 
 /// Where a call comes from.
@@ -255,21 +225,14 @@ struct AnswerBody {
     inner: Option<Body>,
     sleep: Option<Pin<Box<Sleep>>>,
     stream: Option<OwnedSemaphorePermit>,
-    turn: Turn,
 }
 
 impl AnswerBody {
-    fn new(
-        inner: Body,
-        deadline: Option<Instant>,
-        stream: Option<OwnedSemaphorePermit>,
-        turn: Turn,
-    ) -> Self {
+    fn new(inner: Body, deadline: Option<Instant>, stream: Option<OwnedSemaphorePermit>) -> Self {
         Self {
             inner: Some(inner),
             sleep: deadline.map(|deadline| Box::pin(tokio::time::sleep_until(deadline))),
             stream,
-            turn,
         }
     }
 
@@ -277,7 +240,6 @@ impl AnswerBody {
         // Dropping the handler's stream is what stops its work.
         self.inner = None;
         self.stream = None;
-        self.turn = Turn::NOT_NEEDED;
     }
 }
 
@@ -299,8 +261,6 @@ impl http_body::Body for AnswerBody {
             }
             return Poll::Ready(frame);
         }
-        // A stream that has nothing to say needs no processor.
-        self.turn = Turn::NOT_NEEDED;
         let Some(sleep) = self.sleep.as_mut() else {
             return Poll::Pending;
         };
