@@ -14,6 +14,7 @@ pub mod case;
 pub mod cell;
 pub mod command;
 pub mod drives;
+pub mod load;
 pub mod peers;
 pub mod proxy;
 

@@ -3,12 +3,9 @@
 //! A deadline that passes is answered DEADLINE_EXCEEDED, before the answer and in the middle of a
 //! stream, and drops the handler, so that its work stops. Over a limit a call is refused at once
 //! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: calls named `Stop…` pass.
-//!
-//! Calls that ask for the processor take turns ([`Turns`]), so that a stop, which waits for none, finds few others before
-//! it where a hundred clients ask as fast as they are answered.
 
 use std::net::SocketAddr;
-use std::pin::{Pin, pin};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -27,10 +24,8 @@ use crate::identity::Caller;
 use crate::status;
 
 mod ending;
-mod turns;
 
 pub(crate) use ending::EndingBody;
-use turns::{Turn, Turns};
 
 /// When the caller stops waiting; found in the request's extensions.
 #[derive(Clone, Copy, Debug)]
@@ -43,8 +38,6 @@ pub struct Limits {
     pub max_calls: usize,
     /// Calls whose answer has not ended, however idle it is.
     pub max_streams: usize,
-    /// Calls that may have the processors at the same time; 0 for so many as suit the machine.
-    pub max_turns: usize,
     /// For calls that bring none.
     pub default_deadline: Duration,
 }
@@ -55,7 +48,6 @@ pub struct CallLayer {
     limits: Limits,
     calls: Arc<Semaphore>,
     streams: Arc<Semaphore>,
-    turns: Turns,
     reports: Reports,
 }
 
@@ -81,7 +73,6 @@ impl CallLayer {
             limits,
             calls: Arc::new(Semaphore::new(limits.max_calls)),
             streams: Arc::new(Semaphore::new(limits.max_streams)),
-            turns: Turns::new(limits.max_turns),
             reports,
         }
     }
@@ -152,25 +143,12 @@ where
         let deadline = began + asked.unwrap_or(self.layer.limits.default_deadline);
         request.extensions_mut().insert(Deadline(deadline));
         let answer = self.inner.call(request);
-        let turns = self.layer.turns.clone();
         Box::pin(async move {
-            let mut turn = match &admitted {
-                Some(_) => turns.take().await,
-                None => Turn::NOT_NEEDED,
-            };
             let (call, stream) = match admitted {
                 Some(Admitted { call, stream }) => (Some(call), Some(stream)),
                 None => (None, None),
             };
-            let mut answer = pin!(tokio::time::timeout_at(deadline, answer));
-            let outcome = match at_once(answer.as_mut()).await {
-                Poll::Ready(outcome) => outcome,
-                Poll::Pending => {
-                    // It waits for something else than the processor.
-                    turn = Turn::NOT_NEEDED;
-                    answer.await
-                }
-            };
+            let outcome = tokio::time::timeout_at(deadline, answer).await;
             drop(call);
             let elapsed_ms = began.elapsed().as_secs_f64() * 1e3;
             match outcome {
@@ -186,7 +164,7 @@ where
                                 }
                                 None => body,
                             };
-                            Body::new(AnswerBody::new(body, stream, turn))
+                            Body::new(AnswerBody::new(body, stream))
                         })
                     })
                 }
@@ -197,11 +175,6 @@ where
             }
         })
     }
-}
-
-/// What a future has to say now.
-async fn at_once<F: Future>(mut future: Pin<&mut F>) -> Poll<F::Output> {
-    std::future::poll_fn(|context| Poll::Ready(future.as_mut().poll(context))).await
 }
 
 /// Where a call comes from; the guard has put it there.
@@ -263,15 +236,13 @@ fn grpc_timeout(headers: &HeaderMap) -> Option<Duration> {
 struct AnswerBody {
     inner: Option<Body>,
     stream: Option<OwnedSemaphorePermit>,
-    turn: Turn,
 }
 
 impl AnswerBody {
-    fn new(inner: Body, stream: Option<OwnedSemaphorePermit>, turn: Turn) -> Self {
+    fn new(inner: Body, stream: Option<OwnedSemaphorePermit>) -> Self {
         Self {
             inner: Some(inner),
             stream,
-            turn,
         }
     }
 }
@@ -288,11 +259,7 @@ impl http_body::Body for AnswerBody {
             return Poll::Ready(None);
         };
         let polled = Pin::new(inner).poll_frame(context);
-        // A stream that has nothing to say needs no processor.
         let more = matches!(&polled, Poll::Ready(Some(Ok(frame))) if frame.is_data());
-        if !more {
-            self.turn = Turn::NOT_NEEDED;
-        }
         if !more && polled.is_ready() {
             self.inner = None;
             self.stream = None;

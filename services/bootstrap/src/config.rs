@@ -33,8 +33,6 @@ pub struct ServerConfig {
     pub max_connections: usize,
     /// Answers that may be open at the same time, idle watches among them; more are refused with RESOURCE_EXHAUSTED.
     pub max_streams: usize,
-    /// Calls that may have the processors at the same time; others wait a moment, stops do not. 0: four a processor.
-    pub max_turns: usize,
     /// Deadline of calls that bring none, s. Streams that only watch are not bounded by it.
     pub default_deadline_s: f64,
     /// How long open calls may go on once the shutdown began, s.
@@ -74,7 +72,6 @@ impl Default for ServerConfig {
             max_calls: 256,
             max_connections: 1024,
             max_streams: 16_384,
-            max_turns: 0,
             default_deadline_s: 600.0,
             drain_s: 3.0,
             tls: None,

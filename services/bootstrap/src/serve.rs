@@ -54,7 +54,6 @@ pub(crate) async fn serve(
     let limits = Limits {
         max_calls: config.max_calls,
         max_streams: config.max_streams,
-        max_turns: config.max_turns,
         default_deadline: Duration::from_secs_f64(config.default_deadline_s),
     };
     let mut server = Server::builder()
