@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 mod audit;
 mod can;
 mod local;
+mod pki;
 mod planning;
 mod recording;
 mod requests;
@@ -23,6 +24,7 @@ pub use local::{
     Bench, BenchBudget, BenchCell, BenchRegistration, Calibrate, CalibrateCell, Calibration,
     CalibrationFile, MethodName, Reconstruct, Register,
 };
+pub use pki::{Pki, PkiIssue, PkiRotate};
 pub use planning::{Evaluate, PaperCostName, Pictures, Plan, PlannerName, Region, ScenarioName};
 pub use recording::{Record, Replay};
 pub use requests::{ModelRequests, Requests, SceneRequests};
@@ -48,8 +50,24 @@ pub struct Arguments {
         default_value = "http://127.0.0.1:50050"
     )]
     pub gateway: String,
+    #[command(flatten)]
+    pub tls: Tls,
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// Who is shown to servers with TLS; all three or none.
+#[derive(Clone, Debug, Args)]
+pub struct Tls {
+    /// The site's authority (PEM): of whom servers must have their certificate.
+    #[arg(long, global = true, value_name = "FILE", env = "ARTHRO_TLS_CA", requires_all = ["tls_cert", "tls_key"])]
+    pub tls_ca: Option<PathBuf>,
+    /// The own certificate (PEM), from `arthro pki issue`.
+    #[arg(long, global = true, value_name = "FILE", env = "ARTHRO_TLS_CERT", requires_all = ["tls_ca", "tls_key"])]
+    pub tls_cert: Option<PathBuf>,
+    /// Its key (PEM).
+    #[arg(long, global = true, value_name = "FILE", env = "ARTHRO_TLS_KEY", requires_all = ["tls_ca", "tls_cert"])]
+    pub tls_key: Option<PathBuf>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -60,6 +78,9 @@ pub enum Command {
     Up(Up),
     /// Runs one service in the foreground.
     Serve(Serve),
+    /// Makes and renews the certificates of a site.
+    #[command(subcommand)]
+    Pki(Pki),
     /// Creates and shows cases, and takes them from their scene to an approved plan.
     #[command(subcommand)]
     Case(Case),
@@ -149,6 +170,9 @@ pub struct Up {
     /// Free ports instead of 50050 to 50059 and free loopback addresses for the arms instead of 127.0.0.11 and .12.
     #[arg(long)]
     pub free_ports: bool,
+    /// Runs everything with TLS, by the certificates of this folder (`arthro pki`); what is missing there is made.
+    #[arg(long, value_name = "FOLDER")]
+    pub tls: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -9,6 +9,7 @@ mod config;
 mod loopback;
 mod process;
 pub mod targets;
+mod tls;
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -27,9 +28,11 @@ use crate::arguments::{ServiceName, Up};
 use crate::cell::config::Configuration;
 use crate::cell::process::Process;
 use crate::cell::targets::Targets;
+use crate::connection;
 use crate::demo;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
+use crate::pki::Site;
 
 /// How long arms and drives may take to be ready, wall time.
 const READY_LIMIT: Duration = Duration::from_secs(30);
@@ -62,12 +65,13 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Starts everything and waits until arms and drives are ready. State goes to `folder`.
+    /// Starts everything and waits until arms and drives are ready. State goes to `folder`; with a site all speak TLS.
     pub async fn start(
         scenario: &Scenario,
         folder: &Path,
         time_scale: f64,
         ports: Ports,
+        tls: Option<Site>,
         output: &Output,
     ) -> Result<Self, Failure> {
         std::fs::create_dir_all(folder)?;
@@ -83,11 +87,12 @@ impl Cell {
             arms: Vec::new(),
             can: String::new(),
         };
-        let mut configuration = Configuration::new(cell.folder.join("arthro.toml"));
+        let mut configuration = Configuration::new(cell.folder.join("arthro.toml"), tls);
         configuration.simulator(&cell.folder, time_scale, loopback::arms(ports)?)?;
         cell.launch(ServiceName::Simulator, ports, &mut configuration)
             .await?;
-        let mut referee = RefereeServiceClient::connect(cell.url(ServiceName::Simulator)).await?;
+        let mut referee =
+            RefereeServiceClient::new(connection::open(&cell.url(ServiceName::Simulator)).await?);
         let request = simulator::v1::GetCellRequest {};
         let described = referee.get_cell(request).await?.into_inner();
         cell.arms = described.arm_addresses;
@@ -121,7 +126,7 @@ impl Cell {
             Ports::Standard => service.standard_port(),
         };
         let listen = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
-        let process = Process::start(service, configuration.path(), listen, &self.folder).await?;
+        let process = Process::start(service, configuration, listen, &self.folder).await?;
         configuration.listens(service, process.address)?;
         self.processes.push(process);
         Ok(())
@@ -197,7 +202,7 @@ impl Cell {
 
 /// Both arms are connected, powered and without fault.
 async fn arms_ready(url: String) -> Result<(), Failure> {
-    let mut client = MotionServiceClient::connect(url).await?;
+    let mut client = MotionServiceClient::new(connection::open(&url).await?);
     let request = motion::v1::WatchStateRequest { period_s: 0.1 };
     let mut states = client.watch_state(request).await?.into_inner();
     while let Some(state) = states.message().await? {
@@ -216,7 +221,7 @@ async fn arms_ready(url: String) -> Result<(), Failure> {
 
 /// All four drives answer.
 async fn drives_ready(url: String) -> Result<(), Failure> {
-    let mut client = InstrumentServiceClient::connect(url).await?;
+    let mut client = InstrumentServiceClient::new(connection::open(&url).await?);
     let request = instrument::v1::WatchStateRequest { period_s: 0.1 };
     let mut states = client.watch_state(request).await?.into_inner();
     while let Some(state) = states.message().await? {
@@ -243,8 +248,11 @@ pub async fn up(arguments: &Up, output: &Output) -> Result<(), Failure> {
         Ports::Standard
     };
     let time_scale = arguments.cell.time_scale;
-    let mut cell = Cell::start(&scenario, &arguments.state, time_scale, ports, output).await?;
-    announce(&cell, output);
+    let site = arguments.tls.as_deref().map(tls::site).transpose()?;
+    let announced = site.clone();
+    let mut cell =
+        Cell::start(&scenario, &arguments.state, time_scale, ports, site, output).await?;
+    announce(&cell, announced.as_ref(), output)?;
     let mut terminate = signal(SignalKind::terminate())?;
     loop {
         tokio::select! {
@@ -278,7 +286,7 @@ impl Cell {
     }
 }
 
-fn announce(cell: &Cell, output: &Output) {
+fn announce(cell: &Cell, tls: Option<&Site>, output: &Output) -> Result<(), Failure> {
     let by_name = |value: fn(&Process) -> serde_json::Value| -> BTreeMap<&str, serde_json::Value> {
         cell.processes
             .iter()
@@ -294,6 +302,7 @@ fn announce(cell: &Cell, output: &Output) {
         "model": cell.folder.join("model.ply"),
         "lesion": cell.folder.join("lesion.ply"),
         "targets": cell.folder.join("targets.toml"),
+        "tls": tls.map(Site::folder),
     }));
     for process in &cell.processes {
         output.line(format!(
@@ -304,19 +313,23 @@ fn announce(cell: &Cell, output: &Output) {
     }
     output.line(format!("{:<13} {}", "arms", cell.arms.join("  ")));
     output.line(format!("{:<13} {}", "bus", cell.can));
+    // A record keeps the name that the certificate has.
+    let you = if tls.is_some() { "surgeon" } else { "you" };
+    let identity = tls.map(tls::exports).transpose()?.unwrap_or_default();
     let folder = cell.folder.display();
     let gateway = cell.url(ServiceName::Gateway);
     let simulator = cell.url(ServiceName::Simulator);
     output.line(format!(
         "state         {folder}\n\n\
          a procedure by hand:\n  \
-         export ARTHRO_GATEWAY={gateway}\n  \
+         {identity}export ARTHRO_GATEWAY={gateway}\n  \
          arthro case create knee --model {folder}/model.ply --lesion {folder}/lesion.ply   # prints CASE\n  \
          arthro case scene CASE --simulator {simulator}\n  \
-         arthro case register CASE && arthro case accept CASE --operator you\n  \
+         arthro case register CASE && arthro case accept CASE --operator {you}\n  \
          arthro case plan CASE                                                             # prints DIGEST\n  \
-         arthro case approve CASE --digest DIGEST --surgeon you\n  \
-         arthro run CASE --operator you\n\n\
+         arthro case approve CASE --digest DIGEST --surgeon {you}\n  \
+         arthro run CASE --operator {you}\n\n\
          ctrl-c ends everything"
     ));
+    Ok(())
 }

@@ -13,6 +13,7 @@ use arthro_proto::motion::v1::move_request::Motion;
 use tokio::task::JoinHandle;
 use tonic::transport::Channel;
 
+use crate::connection;
 use crate::exit::{Failure, Kind};
 
 const LEASE_TTL_S: f64 = 5.0;
@@ -37,7 +38,7 @@ pub struct Commanded {
 impl Commanded {
     /// Takes command of both arms; `holder` is who asks, for people.
     pub async fn take(url: &str, holder: &str) -> Result<Self, Failure> {
-        let mut client = MotionServiceClient::connect(url.to_owned()).await?;
+        let mut client = MotionServiceClient::new(connection::open(url).await?);
         let request = motion::AcquireLeaseRequest {
             holder: holder.to_owned(),
             ttl_s: LEASE_TTL_S,

@@ -23,16 +23,18 @@ use crate::gateway::{Gateway, Model, completed, state_word};
 use crate::output::Output;
 use crate::plan::marks;
 use crate::{
-    audit, bench, calibrate, calibrations, can, cell, demo, evaluate, plan, reconstruct, record,
-    register, requests, robot, scene,
+    audit, bench, calibrate, calibrations, can, cell, connection, demo, evaluate, pki, plan,
+    reconstruct, record, register, requests, robot, scene,
 };
 
 /// Runs one command to its end.
 pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
+    connection::identify(&arguments.tls)?;
     let connect = || Gateway::connect(&arguments.gateway);
     match arguments.command {
         Command::Demo(demo) => Box::pin(demo::run(&demo, output)).await,
         Command::Up(up) => Box::pin(cell::up(&up, output)).await,
+        Command::Pki(pki) => pki::run(&pki, output),
         Command::Calibrate(calibrate) => {
             Box::pin(calibrate::run(calibrate, &arguments.gateway, output)).await
         }

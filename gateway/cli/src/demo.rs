@@ -21,6 +21,7 @@ use crate::arguments::{self, ScenarioName};
 use crate::cell::targets::{Marks, Targets};
 use crate::cell::{Cell, Ports, Urls};
 use crate::commands::{plan_request, read, unreadable};
+use crate::connection;
 use crate::exit::{Failure, Kind};
 use crate::gateway::{Gateway, Model, completed};
 use crate::output::Output;
@@ -53,6 +54,7 @@ pub async fn run(arguments: &arguments::Demo, output: &Output) -> Result<(), Fai
         &folder,
         arguments.cell.time_scale,
         Ports::Free,
+        None,
         output,
     )
     .await?;
@@ -127,7 +129,7 @@ async fn perform(
 ) -> Result<Summary, Failure> {
     let began = Instant::now();
     let mut gateway = Gateway::connect(&urls.gateway).await?;
-    let mut referee = RefereeServiceClient::connect(urls.simulator.clone()).await?;
+    let mut referee = RefereeServiceClient::new(connection::open(&urls.simulator).await?);
 
     let lesion = Cloud::new(scenario.preoperative.lesion.clone());
     let model = Model {

@@ -15,8 +15,9 @@ use arthro_proto::gateway::v1::{
 };
 use arthro_proto::planning::v1::{PlanProgress, ResectionPlan, plan_resection_response};
 use arthro_proto::registration::v1::{RegistrationResult, register_response};
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Channel;
 
+use crate::connection;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
 use crate::scene::Scene;
@@ -52,17 +53,12 @@ pub struct Model<'a> {
 impl Gateway {
     /// Connects to `address`, such as `http://127.0.0.1:50050`.
     pub async fn connect(address: &str) -> Result<Self, Failure> {
-        let channel = Endpoint::from_shared(address.to_owned())?
-            .connect()
-            .await
-            .map_err(|error| {
-                let failure = Failure::from(error);
-                Failure::new(
-                    Kind::Unreachable,
-                    "GATEWAY_UNREACHABLE",
-                    format!("{address}: {}", failure.message),
-                )
-            })?;
+        let channel = connection::open(address).await.map_err(|failure| {
+            if failure.kind != Kind::Unreachable {
+                return failure;
+            }
+            Failure::new(Kind::Unreachable, "GATEWAY_UNREACHABLE", failure.message)
+        })?;
         Ok(Self {
             cases: CaseServiceClient::new(channel.clone())
                 .max_decoding_message_size(MAX_ANSWER_BYTES),

@@ -5,6 +5,7 @@ use arthro_proto::registration::v1::{DepthHeader, Intrinsics};
 use arthro_proto::simulator::v1::camera_service_client::CameraServiceClient;
 use arthro_proto::simulator::v1::{CaptureRequest, FrameHeader, capture_response};
 
+use crate::connection;
 use crate::exit::Failure;
 
 /// A depth image with the meniscus masked.
@@ -22,7 +23,7 @@ pub struct Scene {
 
 /// Takes one frame from the simulated camera at `address`.
 pub async fn capture(address: &str, seed: u64) -> Result<Scene, Failure> {
-    let mut camera = CameraServiceClient::connect(address.to_owned()).await?;
+    let mut camera = CameraServiceClient::new(connection::open(address).await?);
     let mut stream = camera.capture(CaptureRequest { seed }).await?.into_inner();
     let (mut header, mut depth, mut color) = (FrameHeader::default(), Vec::new(), Vec::new());
     while let Some(message) = stream.message().await? {

@@ -19,6 +19,7 @@ use crate::arguments::CalibrateCell;
 use crate::calibrate::file::{HandEyeFile, ToolFile};
 use crate::calibrate::refused;
 use crate::cell::{Cell, Ports, Urls};
+use crate::connection;
 use crate::demo;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
@@ -39,7 +40,7 @@ pub async fn run(arguments: &CalibrateCell, output: &Output) -> Result<(), Failu
         }
     };
     let time_scale = arguments.cell.time_scale;
-    let mut cell = Cell::start(&scenario, &folder, time_scale, Ports::Free, output).await?;
+    let mut cell = Cell::start(&scenario, &folder, time_scale, Ports::Free, None, output).await?;
     let urls = cell.urls();
     let drawn = scenario.system_view();
     let outcome = tokio::select! {
@@ -76,6 +77,6 @@ async fn perform(
     }
     let hand_eye = hand_eye::eye_on_base(&stations, &board::options()).map_err(refused)?;
     let tool = tool_tip::solve(&pivots, &tool_tip::Options::default()).map_err(refused)?;
-    let referee = RefereeServiceClient::connect(urls.simulator.clone()).await?;
+    let referee = RefereeServiceClient::new(connection::open(&urls.simulator).await?);
     Summary::graded(referee, drawn, hand_eye, tool).await
 }

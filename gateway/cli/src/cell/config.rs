@@ -14,6 +14,7 @@ use toml::{Table, Value};
 
 use crate::arguments::ServiceName;
 use crate::exit::Failure;
+use crate::pki::Site;
 
 /// What the simulated jaw presses with, mA and N, calculated: friction and spring take 54 mA, motor, gear and screw make
 /// 0.356 N of each further mA.
@@ -26,20 +27,27 @@ const REST_OUTSIDE_MM: f64 = 80.0;
 pub struct Configuration {
     path: PathBuf,
     sections: Table,
+    tls: Option<Site>,
 }
 
 impl Configuration {
-    /// An empty configuration that is kept at `path`.
-    pub fn new(path: PathBuf) -> Self {
+    /// An empty configuration that is kept at `path`; with a site every service has a certificate of it.
+    pub fn new(path: PathBuf, tls: Option<Site>) -> Self {
         Self {
             path,
             sections: Table::new(),
+            tls,
         }
     }
 
     /// Where the file is.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Whether its services speak TLS.
+    pub fn has_tls(&self) -> bool {
+        self.tls.is_some()
     }
 
     /// The simulated cell: its case, its speed, and where its wires are.
@@ -152,17 +160,26 @@ impl Configuration {
     /// Keeps where a service listens, so that it comes back at the same address.
     pub fn listens(&mut self, service: ServiceName, address: SocketAddr) -> Result<(), Failure> {
         if let Some(Value::Table(section)) = self.sections.get_mut(service.as_str()) {
-            let mut server = Table::new();
-            server.insert("listen".to_owned(), Value::String(address.to_string()));
-            section.insert("server".to_owned(), Value::Table(server));
+            let server = section
+                .entry("server")
+                .or_insert_with(|| Value::Table(Table::new()));
+            if let Value::Table(server) = server {
+                server.insert("listen".to_owned(), Value::String(address.to_string()));
+            }
         }
         self.write()
     }
 
     fn section(&mut self, service: ServiceName, config: &impl Serialize) -> Result<(), Failure> {
-        let value = Value::try_from(config)
-            .map_err(|error| Failure::failed("CONFIGURATION_UNWRITABLE", error))?;
-        self.sections.insert(service.as_str().to_owned(), value);
+        let unwritable = |error| Failure::failed("CONFIGURATION_UNWRITABLE", error);
+        let mut section = Table::try_from(config).map_err(unwritable)?;
+        if let Some(site) = &self.tls {
+            let files = Value::try_from(site.files(service.as_str())?).map_err(unwritable)?;
+            let server = Table::from_iter([("tls".to_owned(), files)]);
+            section.insert("server".to_owned(), Value::Table(server));
+        }
+        self.sections
+            .insert(service.as_str().to_owned(), Value::Table(section));
         self.write()
     }
 

@@ -14,6 +14,7 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 
 use crate::arguments::ServiceName;
+use crate::cell::config::Configuration;
 use crate::exit::{Failure, Kind};
 
 /// How long a service may take to come up, wall time.
@@ -28,6 +29,7 @@ pub struct Process {
     pub service: ServiceName,
     /// Where it listens.
     pub address: SocketAddr,
+    scheme: &'static str,
     log: PathBuf,
     child: Child,
     stdin: Option<ChildStdin>,
@@ -42,7 +44,7 @@ impl Process {
     /// Starts `service` with this configuration and waits until it listens.
     pub async fn start(
         service: ServiceName,
-        config: &Path,
+        config: &Configuration,
         listen: SocketAddr,
         logs: &Path,
     ) -> Result<Self, Failure> {
@@ -51,7 +53,7 @@ impl Process {
             .args(["serve", service.as_str(), "--until-stdin-closes"])
             .arg(format!("--listen={listen}"))
             .arg("--config")
-            .arg(config)
+            .arg(config.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(File::options().create(true).append(true).open(&log)?)
@@ -69,6 +71,7 @@ impl Process {
         Ok(Self {
             service,
             address: announcement.address,
+            scheme: if config.has_tls() { "https" } else { "http" },
             log,
             child,
             stdin,
@@ -77,7 +80,7 @@ impl Process {
 
     /// The service's address as clients write it.
     pub fn url(&self) -> String {
-        format!("http://{}", self.address)
+        format!("{}://{}", self.scheme, self.address)
     }
 
     /// The process id.

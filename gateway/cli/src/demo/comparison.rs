@@ -19,6 +19,7 @@ use arthro_simulator::scenario::{LESION_SPACING_MM, Scenario};
 use tonic::transport::Channel;
 
 use crate::commands::point;
+use crate::connection;
 use crate::exit::Failure;
 use crate::upload;
 
@@ -43,7 +44,7 @@ impl<'a> Judge<'a> {
         plan: &ResectionPlan,
     ) -> Result<Self, Failure> {
         Ok(Self {
-            planning: PlanningServiceClient::connect(planning).await?,
+            planning: PlanningServiceClient::new(connection::open(&planning).await?),
             scenario,
             contour: plan.contour.clone(),
             portal: portal_in_ct(scenario, registration),

@@ -10,6 +10,7 @@ use arthro_proto::motion::v1::move_request::Motion;
 use super::perform;
 use crate::arguments::{AxisName, Jog};
 use crate::commanded::{message, tool_at_rest, unusable};
+use crate::connection;
 use crate::exit::Failure;
 use crate::output::Output;
 
@@ -19,7 +20,7 @@ const JOG_SPEED_MM_S: f64 = 10.0;
 
 /// Moves from where the arm stands now.
 pub async fn run(url: &str, jog: &Jog, output: &Output) -> Result<(), Failure> {
-    let mut client = MotionServiceClient::connect(url.to_owned()).await?;
+    let mut client = MotionServiceClient::new(connection::open(url).await?);
     let arm = common::Arm::from(jog.arm);
     let motion = match (jog.joint.zip(jog.by_rad), jog.along.zip(jog.by_mm)) {
         (Some((joint, by_rad)), _) => {

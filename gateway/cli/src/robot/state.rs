@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use crate::arguments::RobotState;
 use crate::commanded::unusable;
 use crate::commands::show;
+use crate::connection;
 use crate::exit::Failure;
 use crate::output::Output;
 
@@ -15,7 +16,7 @@ const WATCH_PERIOD_S: f64 = 1.0;
 
 /// Shows the cell and the arms.
 pub async fn show(url: &str, arguments: &RobotState, output: &Output) -> Result<(), Failure> {
-    let mut client = MotionServiceClient::connect(url.to_owned()).await?;
+    let mut client = MotionServiceClient::new(connection::open(url).await?);
     let cell = client
         .get_cell(motion::GetCellRequest {})
         .await?

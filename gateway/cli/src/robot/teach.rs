@@ -13,6 +13,7 @@ use super::taught::TaughtFile;
 use crate::arguments::{Portal, Taught};
 use crate::commanded::{Commanded, believed_tool, message, tool_at_rest, unusable};
 use crate::commands::show;
+use crate::connection;
 use crate::exit::Failure;
 use crate::output::Output;
 
@@ -20,7 +21,7 @@ use crate::output::Output;
 pub async fn add(url: &str, taught: &Taught, output: &Output) -> Result<(), Failure> {
     let mut file = TaughtFile::read_or_begin(&taught.file)?;
     let arm = common::Arm::from(taught.arm);
-    let mut client = MotionServiceClient::connect(url.to_owned()).await?;
+    let mut client = MotionServiceClient::new(connection::open(url).await?);
     let tool = believed_tool(&mut client, arm).await?;
     let flange: Rigid<Base, Flange> = tool_at_rest(&mut client, arm).await? * tool.inverse();
     file.add(&message(&flange));
@@ -38,7 +39,7 @@ pub async fn portal(url: &str, portal: &Portal, output: &Output) -> Result<(), F
         poses: TaughtFile::read(&taught.file)?.messages(),
         ..motion::SolvePortalRequest::default()
     };
-    let mut client = TeachingServiceClient::connect(url.to_owned()).await?;
+    let mut client = TeachingServiceClient::new(connection::open(url).await?);
     let found = client.solve_portal(request).await?.into_inner();
     let place = found.portal.ok_or_else(|| unusable("no portal was sent"))?;
     if portal.set {
@@ -72,7 +73,7 @@ pub async fn shaft(url: &str, taught: &Taught, output: &Output) -> Result<(), Fa
         poses: TaughtFile::read(&taught.file)?.messages(),
         ..motion::CalibrateShaftRequest::default()
     };
-    let mut client = TeachingServiceClient::connect(url.to_owned()).await?;
+    let mut client = TeachingServiceClient::new(connection::open(url).await?);
     let found = client.calibrate_shaft(request).await?.into_inner();
     let tool = found.flange_from_tool.unwrap_or_default();
     let rotation = tool.rotation.unwrap_or_default();

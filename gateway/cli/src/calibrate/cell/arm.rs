@@ -8,6 +8,7 @@ use arthro_proto::motion::v1::motion_service_client::MotionServiceClient;
 use arthro_proto::motion::v1::move_request::Motion;
 
 use crate::commanded::{Commanded, believed_tool, straight_to};
+use crate::connection;
 use crate::exit::{Failure, Kind};
 
 /// The supervisor stopped a move near a singularity of the wrist: that pose is left out, the routine goes on.
@@ -23,7 +24,7 @@ pub struct Arm {
 impl Arm {
     /// Takes command of the forceps arm.
     pub async fn take(url: &str) -> Result<Self, Failure> {
-        let mut client = MotionServiceClient::connect(url.to_owned()).await?;
+        let mut client = MotionServiceClient::new(connection::open(url).await?);
         Ok(Self {
             flange_from_tool: believed_tool(&mut client, common::Arm::Forceps).await?,
             commanded: Commanded::take(url, "arthro calibrate").await?,

@@ -17,6 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use super::arm::Arm;
 use crate::calibrate::refused;
 use crate::cell::Urls;
+use crate::connection;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
@@ -46,7 +47,7 @@ pub async fn look(
     seed: u64,
     output: &Output,
 ) -> Result<Vec<Station>, Failure> {
-    let mut camera = CameraServiceClient::connect(urls.simulator.clone()).await?;
+    let mut camera = CameraServiceClient::new(connection::open(&urls.simulator).await?);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let bar = output.progress("board", u64::from(count));
     let mut stations = Vec::new();

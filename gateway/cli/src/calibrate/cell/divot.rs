@@ -12,6 +12,7 @@ use tonic::transport::Channel;
 
 use super::arm::Arm;
 use crate::cell::Urls;
+use crate::connection;
 use crate::exit::{Failure, Kind};
 use crate::output::Output;
 
@@ -37,7 +38,7 @@ pub async fn pivot(
     output: &Output,
 ) -> Result<Vec<Rigid<Base, Flange>>, Failure> {
     let mut gauge = Gauge {
-        bench: BenchServiceClient::connect(urls.simulator.clone()).await?,
+        bench: BenchServiceClient::new(connection::open(&urls.simulator).await?),
         seed,
     };
     let bar = output.progress("divot", u64::from(POSES));
