@@ -37,6 +37,9 @@ const COMPUTATION_DEADLINE: Duration = Duration::from_secs(600);
 /// A silent peer is asked for a sign of life this often, and given up when it gives none for as long.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
+/// What a device service says to a command that a stop overtook: the motion service, and the instrument service.
+const STOP_REFUSALS: [&str; 2] = ["STOPPED", "STOP_UNDER_WAY"];
+
 /// All four.
 #[derive(Clone, Debug)]
 pub struct Clients {
@@ -73,6 +76,15 @@ pub enum Acted {
     Perhaps,
 }
 
+/// A fault that a device keeps until somebody acknowledges it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Fault {
+    /// The device service's word.
+    pub reason: String,
+    /// With value and limit.
+    pub detail: String,
+}
+
 /// A call that did not end as asked.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{peer}: {}", status.message())]
@@ -80,6 +92,8 @@ pub struct Failure {
     peer: Peer,
     reason: String,
     acted: Acted,
+    /// Whether a stop ended the operation, or came before it.
+    stopped: bool,
     status: Box<Status>,
 }
 
@@ -120,6 +134,18 @@ fn channel(address: &str) -> Result<Channel, tonic::transport::Error> {
         .connect_lazy())
 }
 
+// === impl Fault ===
+
+impl Fault {
+    /// None when the service names none.
+    fn of(reason: &str, detail: &str) -> Option<Self> {
+        (!reason.is_empty()).then(|| Self {
+            reason: reason.to_owned(),
+            detail: detail.to_owned(),
+        })
+    }
+}
+
 // === impl Failure ===
 
 impl Failure {
@@ -158,6 +184,7 @@ impl Failure {
                 peer,
                 reason,
                 acted,
+                stopped: false,
                 status: Box::new(status),
             };
         }
@@ -171,6 +198,7 @@ impl Failure {
         );
         Self {
             peer,
+            stopped: STOP_REFUSALS.contains(&reason.as_str()),
             reason,
             acted,
             status: Box::new(status),
@@ -190,11 +218,13 @@ impl Failure {
             )),
             reason,
             acted: Acted::Perhaps,
+            stopped: false,
         }
     }
 
     /// The operation ended FAILED or STOPPED.
     fn ended(peer: Peer, operation: common::Operation) -> Self {
+        let stopped = operation.state() == common::OperationState::Stopped;
         let reason = if operation.reason.is_empty() {
             operation
                 .state()
@@ -212,6 +242,7 @@ impl Failure {
             )),
             reason,
             acted: Acted::Perhaps,
+            stopped,
         }
     }
 
@@ -230,7 +261,13 @@ impl Failure {
             )),
             reason: reason.to_owned(),
             acted: Acted::Perhaps,
+            stopped: false,
         }
+    }
+
+    /// Whether a stop ended the operation, or came before it began.
+    pub fn was_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// Whether the service could not be reached, so that asking again may help.

@@ -7,6 +7,8 @@ use arthro_geometry::{Point3, Rigid, Rotation, Vector3};
 use nalgebra::Quaternion;
 use serde::{Deserialize, Serialize};
 
+use crate::clients::motion::Arm;
+
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
@@ -30,12 +32,45 @@ pub struct Config {
     /// forceps' shaft clear of condyle and plateau. Without it nothing is known of the joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_opening_mm: Option<f64>,
+    /// What a pause does once the step under way is halted.
+    pub pause: PauseMode,
+    /// An arm this far from where it stood when the procedure was halted refuses to go on, mm of its tip.
+    pub pose_tolerance_mm: f64,
+    /// The same for the tool's turning, deg.
+    pub pose_tolerance_deg: f64,
+    /// A motion service that was restarted with a tool inside is told the calibrated portal only if the measured shaft passes
+    /// it this near, mm.
+    pub portal_tolerance_mm: f64,
     /// The jaw of the forceps in use.
     pub jaw: Jaw,
     /// Where things are in the cell. Without it cases are registered, but nothing is planned and nothing moves:
     /// there is no safe default for a hand-eye transform.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
+}
+
+/// What a pause does with the arms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum PauseMode {
+    /// They hold where they are.
+    #[default]
+    Hold,
+    /// They are drawn back along their shafts.
+    Retract,
+}
+
+/// What halts and goes on with a procedure, and within which limits: the checked keys of the configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// What a pause does once the step under way is halted.
+    pub pause: PauseMode,
+    /// How far an arm may be from where it stood, mm.
+    pub pose_tolerance_mm: f64,
+    /// How far a tool may have turned since, deg.
+    pub pose_tolerance_deg: f64,
+    /// How near a measured shaft must pass a portal that is stated with the tool inside, mm.
+    pub portal_tolerance_mm: f64,
 }
 
 /// The forceps' jaw.
@@ -99,6 +134,16 @@ pub struct Cell {
     pub joint_opening_mm: Option<f64>,
 }
 
+impl Cell {
+    /// An arm's portal, in its own base.
+    pub fn portal(&self, arm: Arm) -> &Point3 {
+        match arm {
+            Arm::Forceps => &self.forceps_portal,
+            Arm::Arthroscope => &self.arthroscope_portal,
+        }
+    }
+}
+
 /// A value of the configuration that cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("gateway.{field} {problem}")]
@@ -119,6 +164,10 @@ impl Default for Config {
             instrument: "127.0.0.1:50054".to_owned(),
             view_distance_mm: 20.0,
             joint_opening_mm: None,
+            pause: PauseMode::default(),
+            pose_tolerance_mm: 1.0,
+            pose_tolerance_deg: 1.0,
+            portal_tolerance_mm: 5.0,
             jaw: Jaw::default(),
             calibration: None,
         }
@@ -126,6 +175,19 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Checks what governs halts.
+    pub fn rules(&self) -> Result<Rules, ConfigError> {
+        within("pose_tolerance_mm", self.pose_tolerance_mm, 0.01, 10.0)?;
+        within("pose_tolerance_deg", self.pose_tolerance_deg, 0.01, 10.0)?;
+        within("portal_tolerance_mm", self.portal_tolerance_mm, 0.1, 20.0)?;
+        Ok(Rules {
+            pause: self.pause,
+            pose_tolerance_mm: self.pose_tolerance_mm,
+            pose_tolerance_deg: self.pose_tolerance_deg,
+            portal_tolerance_mm: self.portal_tolerance_mm,
+        })
+    }
+
     /// Checks jaw and calibration; `None` when the cell is not calibrated.
     pub fn cell(&self) -> Result<Option<Cell>, ConfigError> {
         within("jaw.width_mm", self.jaw.width_mm, 0.5, 10.0)?;
@@ -286,6 +348,18 @@ mod tests {
             ..Config::default()
         };
         assert!(problem(&config).contains("jaw.width_mm is 0.003; must be within 0.5 .. 10"));
+    }
+
+    #[test]
+    fn a_tolerance_that_would_take_any_pose_is_refused() {
+        let config = Config {
+            pose_tolerance_mm: 1000.0,
+            ..Config::default()
+        };
+        assert_eq!(
+            config.rules().unwrap_err().to_string(),
+            "gateway.pose_tolerance_mm is 1000; must be within 0.01 .. 10"
+        );
     }
 
     #[test]

@@ -41,6 +41,7 @@ impl Service for Server {
 
     async fn build(config: Config, drain: Drain) -> Result<Routes, BoxError> {
         let cell = config.cell()?;
+        let rules = config.rules()?;
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
@@ -52,7 +53,8 @@ impl Service for Server {
         )?;
         let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
         let cases = Cases::new(journal.clone(), cell);
-        let procedures = Procedures::take_over(journal, cases.clone(), clients.clone()).await?;
+        let procedures =
+            Procedures::take_over(journal, cases.clone(), clients.clone(), rules).await?;
         let leaving = procedures.clone();
         tokio::spawn(async move {
             drain.started().await;

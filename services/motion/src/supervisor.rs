@@ -181,6 +181,17 @@ impl Supervisor {
         }
     }
 
+    /// Holds what was seen last against a portal that was stated since. Without it the tip would count as outside until the
+    /// next measurement, and a tool that was inside all along could be let go elsewhere than back.
+    pub fn place(&mut self, seen: &mut Observation, portal: &Point3, axis: Option<&Unit<Vector3>>) {
+        let placement = Placement::of(&seen.base_from_tool, portal);
+        self.inside = placement.is_inside();
+        seen.placement = Some(placement);
+        seen.inside = self.inside;
+        seen.cone_rad =
+            axis.map(|axis| Turn::between(axis, &shaft(&seen.base_from_tool)).angle_rad);
+    }
+
     /// Lets an arm go on from where it is, once its operator has acknowledged that: a shaft that is off the
     /// portal may be drawn back, an arm beyond a plane or too near to the other may move away from it.
     pub fn acknowledge(&mut self, seen: &Observation) {

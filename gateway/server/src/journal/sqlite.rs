@@ -2,6 +2,7 @@
 //! on the disk; one connection writes, and a lock file beside it keeps a second gateway out.
 
 mod rows;
+mod standing;
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -15,6 +16,7 @@ use sqlx::{Executor, Sqlite};
 
 use super::{Blob, Journal, JournalError};
 use crate::cases::case::Case;
+use crate::clients::motion::Standing;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
 
@@ -330,6 +332,23 @@ impl Journal for SqliteJournal {
         update_procedure(&mut *transaction, procedure).await?;
         transaction.commit().await?;
         Ok(())
+    }
+
+    async fn record_standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+        standing: &Standing,
+    ) -> Result<(), JournalError> {
+        standing::record(&self.writer, procedure_id, sequence, standing).await
+    }
+
+    async fn standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+    ) -> Result<Option<Standing>, JournalError> {
+        standing::read(&self.readers, procedure_id, sequence).await
     }
 
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError> {

@@ -13,6 +13,7 @@ use std::time::Duration;
 use arthro_bootstrap::status;
 use arthro_geometry::{Point3, Rotation, Vector3};
 use arthro_proto::common::v1::{Authorization, Operation, OperationState};
+use arthro_proto::instrument::v1::JawState;
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
 use arthro_proto::planning::v1::PlanResectionOptions;
@@ -65,6 +66,9 @@ pub struct World {
     pub arms: Mutex<[FakeArm; 2]>,
     pub rotation_deg: Mutex<f64>,
     pub homed: Mutex<bool>,
+    pub jaw: Mutex<JawState>,
+    /// Whether a fault is latched on the drives.
+    pub drives_faulty: Mutex<bool>,
     pub tokens: Mutex<Tokens>,
 }
 
@@ -111,6 +115,8 @@ impl World {
             arms: Mutex::new([arm(400.0), arm(0.0)]),
             rotation_deg: Mutex::new(10.0),
             homed: Mutex::new(false),
+            jaw: Mutex::new(JawState::Open),
+            drives_faulty: Mutex::new(false),
             tokens: Mutex::default(),
         })
     }
@@ -200,6 +206,17 @@ impl World {
                 .unwrap();
         connection.close().await.unwrap();
         state.as_deref() == Some("INTENDED")
+    }
+
+    /// Takes the journal's write lock until the connection is dropped.
+    pub async fn lock_journal(&self) -> SqliteConnection {
+        let url = format!("sqlite:{}", self.journal.display());
+        let mut connection = SqliteConnection::connect(&url).await.unwrap();
+        sqlx::query("BEGIN IMMEDIATE")
+            .execute(&mut connection)
+            .await
+            .unwrap();
+        connection
     }
 
     /// Waits while `command` is held; says whether a stop came first.

@@ -9,6 +9,8 @@ mod bench;
 mod cases;
 mod crash;
 mod fakes;
+mod halting;
 mod input;
 mod plans;
 mod procedure;
+mod recovery;

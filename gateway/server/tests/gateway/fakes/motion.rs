@@ -44,6 +44,7 @@ impl FakeArm {
             )),
             inside: self.inside(),
             depth_mm: self.depth_mm().unwrap_or_default(),
+            connected: true,
             fault_reason: if self.faulty { "PROTECTIVE_STOP" } else { "" }.to_owned(),
             ..ArmState::default()
         }
@@ -83,6 +84,18 @@ impl FakeArm {
             Motion::Joint(_) => panic!("no such moves are expected"),
         }
         Ok(())
+    }
+
+    /// A stop ends a move along the shaft halfway; of other moves it leaves nothing.
+    fn go_halfway(&mut self, motion: &move_request::Motion) {
+        use move_request::Motion;
+        let end_mm = match motion {
+            Motion::Insert(insert) => insert.depth_mm,
+            Motion::Retract(retract) => retract.depth_mm,
+            _ => return,
+        };
+        let depth_mm = self.depth_mm().unwrap();
+        self.advance((depth_mm + end_mm) / 2.0);
     }
 
     fn advance(&mut self, depth_mm: f64) {
@@ -281,6 +294,7 @@ impl MotionService for FakeMotion {
                 .await
                 .ok();
             if world.wait_while_held(&command).await {
+                world.arms.lock().unwrap()[index(arm)].go_halfway(&motion);
                 answers
                     .send(Ok(message(OperationState::Stopped, &world)))
                     .await

@@ -159,6 +159,10 @@ impl Pilot {
             });
         }
         self.portal = Some(portal);
+        if let Some((_, seen)) = &mut self.latest {
+            self.supervisor
+                .place(seen, &portal.point, portal.axis.as_ref());
+        }
         Ok(())
     }
 
