@@ -13,4 +13,4 @@ CREATE TABLE standings (
     tip_y_mm       REAL    NOT NULL,
     tip_z_mm       REAL    NOT NULL,
     PRIMARY KEY (procedure_id, sequence, arm)
-);
+) STRICT;

@@ -8,16 +8,22 @@ use nalgebra::Quaternion;
 use serde::{Deserialize, Serialize};
 
 use crate::clients::motion::Arm;
+use crate::journal::Place;
 
 /// A quaternion's norm may differ from 1 by this much.
 const UNIT_TOLERANCE: f64 = 1e-3;
+/// Characters of a gateway's name.
+const NAME_LONGEST: usize = 100;
 
 /// Section `gateway`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// The SQLite file of cases, procedures and steps; created when absent.
-    pub journal: PathBuf,
+    /// Where cases, procedures and steps are kept: the path of an SQLite file, created when absent, or the address of a
+    /// PostgreSQL database (`postgres://user@host/database`), which several gateways may share.
+    pub journal: Place,
+    /// How this gateway is named to others that share its journal, e.g. its address; empty: host and process.
+    pub name: String,
     /// Address of the registration service, host:port.
     pub registration: String,
     /// Address of the planning service, host:port.
@@ -157,7 +163,8 @@ pub struct ConfigError {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            journal: PathBuf::from("arthro-gateway.sqlite"),
+            journal: PathBuf::from("arthro-gateway.sqlite").into(),
+            name: String::new(),
             registration: "127.0.0.1:50051".to_owned(),
             planning: "127.0.0.1:50052".to_owned(),
             motion: "127.0.0.1:50053".to_owned(),
@@ -186,6 +193,28 @@ impl Config {
             pose_tolerance_deg: self.pose_tolerance_deg,
             portal_tolerance_mm: self.portal_tolerance_mm,
         })
+    }
+
+    /// How this gateway is named to others.
+    pub fn holder(&self) -> Result<String, ConfigError> {
+        let length = self.name.chars().count();
+        if length > NAME_LONGEST || self.name.chars().any(char::is_control) {
+            return Err(ConfigError {
+                field: "name",
+                problem: format!(
+                    "has {length} characters; must have at most {NAME_LONGEST}, none of them a control character"
+                ),
+            });
+        }
+        if !self.name.is_empty() {
+            return Ok(self.name.clone());
+        }
+        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        let host = match host.trim() {
+            "" => "gateway",
+            host => host,
+        };
+        Ok(format!("{host}, process {}", std::process::id()))
     }
 
     /// Checks jaw and calibration; `None` when the cell is not calibrated.

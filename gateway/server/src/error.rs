@@ -219,6 +219,8 @@ impl Error {
             Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
             Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
             Self::Downstream(failure) => failure.reason(),
+            Self::Journal(JournalError::NotInCommand { .. }) => "NOT_IN_COMMAND",
+            Self::Journal(JournalError::Fenced { .. }) => "FENCED",
             Self::Journal(_) => "JOURNAL_FAILED",
         }
     }
@@ -272,6 +274,9 @@ impl Error {
             Self::NoBiteInterrupted { procedure_id } => {
                 vec![("procedure_id", procedure_id.clone())]
             }
+            Self::Journal(
+                JournalError::NotInCommand { holder } | JournalError::Fenced { holder, .. },
+            ) => vec![("in_command", holder.clone())],
             Self::UnreachableBite {
                 bite,
                 check,
@@ -312,6 +317,9 @@ impl From<Error> for Status {
             }
             Error::TooManyUploads { .. } => status::exhausted(error.reason(), message, &metadata),
             Error::CaseChanged => status::aborted(error.reason(), message, &metadata),
+            Error::Journal(JournalError::NotInCommand { .. } | JournalError::Fenced { .. }) => {
+                status::refused(error.reason(), message, &metadata)
+            }
             Error::Journal(_) => status::unavailable(error.reason(), message, &metadata),
             Error::Downstream(failure) => failure.into_status(),
             _ => status::refused(error.reason(), message, &metadata),

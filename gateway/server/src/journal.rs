@@ -3,12 +3,22 @@
 //! [`Journal`] is the contract that the sequencer builds on: when a method returns `Ok`, what it
 //! wrote is on the disk, whole; when it returns an error or never returns, the caller acts as if
 //! nothing were written. So a step's intention that was not returned `Ok` is never commanded.
+//!
+//! One gateway is in command at a time. Its epoch is a fencing token: a write by a gateway of an older epoch is
+//! refused by the database, whatever that gateway believes.
 
+mod place;
+pub mod postgres;
+pub mod sql;
 pub mod sqlite;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use bytes::Bytes;
+use tokio::sync::watch;
+
+pub use crate::journal::place::Place;
 
 use crate::cases::case::Case;
 use crate::clients::motion::Standing;
@@ -16,9 +26,23 @@ use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
 use crate::words::words;
 
+/// Opens the journal at `place`, brings its tables up to date, and takes command of it if nobody else has it. A file
+/// that another gateway has is refused; a database that another gateway commands is read until it can be taken over.
+pub async fn open(place: &Place, name: &str) -> Result<Arc<dyn Journal>, JournalError> {
+    Ok(match place {
+        Place::File(path) => Arc::new(sqlite::open(path, name).await?),
+        Place::Postgres(server) => postgres::open(server, name).await?,
+    })
+}
+
 /// The durable store of the gateway.
 #[tonic::async_trait]
 pub trait Journal: Send + Sync + 'static {
+    /// Whether this gateway is in command, as it changes.
+    fn duty(&self) -> watch::Receiver<Duty>;
+    /// Gives command up, so that another gateway can take it at once. Nothing can be written after that.
+    async fn leave(&self) -> Result<(), JournalError>;
+
     /// Writes a new case.
     async fn create_case(&self, case: &Case) -> Result<(), JournalError>;
     /// Replaces a case and the given blobs together; the other blobs stay.
@@ -34,6 +58,9 @@ pub trait Journal: Send + Sync + 'static {
     async fn create_procedure(&self, procedure: &Procedure) -> Result<(), JournalError>;
     /// Replaces a procedure's row.
     async fn save_procedure(&self, procedure: &Procedure) -> Result<(), JournalError>;
+    /// Makes this gateway answer for every procedure that is not over and that an earlier one answered for: these, with
+    /// their latest steps.
+    async fn claim_open(&self) -> Result<Vec<Procedure>, JournalError>;
     /// One procedure with its latest step.
     async fn procedure(&self, procedure_id: &str) -> Result<Option<Procedure>, JournalError>;
     /// All procedures with their latest steps, newest first.
@@ -66,6 +93,21 @@ pub trait Journal: Send + Sync + 'static {
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError>;
     /// What the jaw did, in order.
     async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError>;
+}
+
+/// Whether a gateway is the one that commands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Duty {
+    /// It is. Its writes bear this epoch, which grows with every change of command.
+    InCommand {
+        /// From 1.
+        epoch: i64,
+    },
+    /// It reads only.
+    Standby {
+        /// The name of the one that commands; empty when that is not known.
+        holder: String,
+    },
 }
 
 words! {
@@ -108,6 +150,28 @@ pub enum JournalError {
         /// The file.
         path: PathBuf,
         /// What the database says.
+        problem: String,
+    },
+    /// Another gateway is in command.
+    #[error("this gateway is not in command; in command is {holder:?}")]
+    NotInCommand {
+        /// The other's name.
+        holder: String,
+    },
+    /// Another gateway has taken command meanwhile.
+    #[error("command of epoch {epoch} was lost; in command is {holder:?}")]
+    Fenced {
+        /// What this gateway's write bore.
+        epoch: i64,
+        /// The other's name.
+        holder: String,
+    },
+    /// The database server cannot be used.
+    #[error("journal {place} cannot be used: {problem}")]
+    Server {
+        /// Its address, without a password.
+        place: String,
+        /// What it says or lacks.
         problem: String,
     },
     /// A read or write failed.

@@ -18,8 +18,6 @@ mod wall_clock;
 pub mod wire;
 mod words;
 
-use std::sync::Arc;
-
 use arthro_bootstrap::{BoxError, Drain, Service};
 use tonic::service::Routes;
 
@@ -27,7 +25,6 @@ pub use crate::config::Config;
 
 use crate::cases::Cases;
 use crate::clients::Clients;
-use crate::journal::sqlite::SqliteJournal;
 use crate::procedure::control::Procedures;
 
 /// The gateway as a server of the house.
@@ -51,7 +48,7 @@ impl Service for Server {
             &config.motion,
             &config.instrument,
         )?;
-        let journal = Arc::new(SqliteJournal::open(&config.journal).await?);
+        let journal = journal::open(&config.journal, &config.holder()?).await?;
         let cases = Cases::new(journal.clone(), cell);
         let procedures =
             Procedures::take_over(journal, cases.clone(), clients.clone(), rules).await?;

@@ -119,7 +119,7 @@ impl Configuration {
     ) -> Result<(), Failure> {
         let view = scenario.system_view();
         let config = arthro_gateway::config::Config {
-            journal: folder.join("journal.sqlite"),
+            journal: folder.join("journal.sqlite").into(),
             registration: address(ServiceName::Registration),
             planning: address(ServiceName::Planning),
             motion: address(ServiceName::Motion),

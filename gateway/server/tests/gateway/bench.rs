@@ -337,7 +337,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
 
 fn config(journal: PathBuf) -> Config {
     Config {
-        journal,
+        journal: journal.into(),
         ..Config::default()
     }
 }

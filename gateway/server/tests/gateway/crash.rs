@@ -179,7 +179,7 @@ async fn start_error(config: Config) -> String {
 
 fn journal_at(path: std::path::PathBuf) -> Config {
     Config {
-        journal: path,
+        journal: path.into(),
         ..Config::default()
     }
 }

@@ -6,7 +6,7 @@ use arthro_proto::planning::v1::ResectionPlan;
 use arthro_proto::registration::v1::RegistrationResult;
 use prost::Message as _;
 use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
+use sqlx::any::AnyRow;
 
 use crate::approval::{Approval, Digest};
 use crate::cases::case::{Case, ModelInfo, Plan, Registration, SceneInfo};
@@ -16,13 +16,13 @@ use crate::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use crate::procedure::{Procedure, State};
 use crate::wire;
 
-/// SQLite's integers are signed.
+/// The databases' integers are signed.
 pub fn integer(value: u64) -> i64 {
     i64::try_from(value).unwrap_or(i64::MAX)
 }
 
 /// A row of `cases`.
-pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
+pub fn case(row: &AnyRow) -> Result<Case, JournalError> {
     let key = Key::new("cases", row.try_get("case_id")?);
     let model = match row.try_get::<Option<String>, _>("model_digest")? {
         None => None,
@@ -35,8 +35,8 @@ pub fn case(row: &SqliteRow) -> Result<Case, JournalError> {
         None => None,
         Some(digest) => Some(SceneInfo {
             digest: key.parsed("scene_digest", &digest, Digest::parse)?,
-            point_count: row.try_get("scene_point_count")?,
-            has_normals: row.try_get("scene_has_normals")?,
+            point_count: key.count(row, "scene_point_count")?,
+            has_normals: row.try_get::<i64, _>("scene_has_normals")? != 0,
         }),
     };
     let registration = match row.try_get::<Option<Vec<u8>>, _>("registration")? {
@@ -79,7 +79,7 @@ fn registration(key: &Key, encoded: &[u8]) -> Result<Registration, JournalError>
     })
 }
 
-fn plan(key: &Key, row: &SqliteRow, encoded: &[u8]) -> Result<Plan, JournalError> {
+fn plan(key: &Key, row: &AnyRow, encoded: &[u8]) -> Result<Plan, JournalError> {
     let message =
         ResectionPlan::decode(encoded).map_err(|error| key.damaged("plan", error.to_string()))?;
     let jaw = Jaw {
@@ -96,16 +96,16 @@ fn plan(key: &Key, row: &SqliteRow, encoded: &[u8]) -> Result<Plan, JournalError
 }
 
 /// A row of `procedures`, without its latest step.
-pub fn procedure(row: &SqliteRow) -> Result<Procedure, JournalError> {
+pub fn procedure(row: &AnyRow) -> Result<Procedure, JournalError> {
     let key = Key::new("procedures", row.try_get("procedure_id")?);
     Ok(Procedure {
         case_id: row.try_get("case_id")?,
         operator: row.try_get("operator")?,
         state: key.parsed("state", row.try_get("state")?, State::parse)?,
         plan_digest: key.parsed("plan_digest", row.try_get("plan_digest")?, Digest::parse)?,
-        bites_planned: row.try_get("bites_planned")?,
-        next_bite: row.try_get("next_bite")?,
-        bites_done: row.try_get("bites_done")?,
+        bites_planned: key.count(row, "bites_planned")?,
+        next_bite: key.count(row, "next_bite")?,
+        bites_done: key.count(row, "bites_done")?,
         step: None,
         reason: row.try_get("reason")?,
         detail: row.try_get("detail")?,
@@ -118,13 +118,13 @@ pub fn procedure(row: &SqliteRow) -> Result<Procedure, JournalError> {
 }
 
 /// A row of `steps`.
-pub fn step(row: &SqliteRow) -> Result<Step, JournalError> {
+pub fn step(row: &AnyRow) -> Result<Step, JournalError> {
     let key = Key::new("steps", row.try_get("operation_id")?);
     Ok(Step {
-        sequence: row.try_get("sequence")?,
+        sequence: key.count(row, "sequence")?,
         planned: Planned {
             kind: key.parsed("kind", row.try_get("kind")?, Kind::parse)?,
-            bite: row.try_get("bite")?,
+            bite: key.optional_count(row, "bite")?,
         },
         state: key.parsed("state", row.try_get("state")?, StepState::parse)?,
         intended_at_ms: row.try_get("intended_at_ms")?,
@@ -137,9 +137,10 @@ pub fn step(row: &SqliteRow) -> Result<Step, JournalError> {
 }
 
 /// A row of `bite_outcomes`.
-pub fn bite_outcome(row: &SqliteRow) -> Result<BiteOutcome, JournalError> {
+pub fn bite_outcome(row: &AnyRow) -> Result<BiteOutcome, JournalError> {
+    let key = Key::new("bite_outcomes", row.try_get("procedure_id")?);
     Ok(BiteOutcome {
-        bite: row.try_get("bite")?,
+        bite: key.count(row, "bite")?,
         tip: Point3::new(
             row.try_get("tip_x_mm")?,
             row.try_get("tip_y_mm")?,
@@ -168,6 +169,26 @@ impl Key {
         parse: fn(&str) -> Option<T>,
     ) -> Result<T, JournalError> {
         parse(text).ok_or_else(|| self.damaged(column, text.to_owned()))
+    }
+
+    /// A count or index.
+    fn count(&self, row: &AnyRow, column: &'static str) -> Result<u32, JournalError> {
+        self.natural(column, row.try_get(column)?)
+    }
+
+    /// A count or index that may be absent.
+    fn optional_count(
+        &self,
+        row: &AnyRow,
+        column: &'static str,
+    ) -> Result<Option<u32>, JournalError> {
+        row.try_get::<Option<i64>, _>(column)?
+            .map(|value| self.natural(column, value))
+            .transpose()
+    }
+
+    fn natural(&self, column: &'static str, value: i64) -> Result<u32, JournalError> {
+        u32::try_from(value).map_err(|_| self.damaged(column, value.to_string()))
     }
 
     fn damaged(&self, column: &'static str, value: String) -> JournalError {

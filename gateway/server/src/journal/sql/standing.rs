@@ -3,20 +3,19 @@
 use arthro_geometry::frame::{Base, Tool};
 use arthro_geometry::nalgebra::{Quaternion, UnitQuaternion};
 use arthro_geometry::{Rigid, Vector3};
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqlitePool};
+use sqlx::any::AnyRow;
+use sqlx::{Any, AnyPool, Row as _, Transaction};
 
 use crate::clients::motion::{Arm, Standing};
 use crate::journal::JournalError;
 
 /// Both arms together; what stands there already stays.
 pub async fn record(
-    writer: &SqlitePool,
+    transaction: &mut Transaction<'_, Any>,
     procedure_id: &str,
     sequence: u32,
     standing: &Standing,
 ) -> Result<(), JournalError> {
-    let mut transaction = writer.begin().await?;
     for arm in Arm::ALL {
         let pose = standing.get(*arm);
         let (rotation, tip) = (pose.rotation(), pose.origin());
@@ -36,16 +35,15 @@ pub async fn record(
         .bind(tip.x)
         .bind(tip.y)
         .bind(tip.z)
-        .execute(&mut *transaction)
+        .execute(&mut **transaction)
         .await?;
     }
-    transaction.commit().await?;
     Ok(())
 }
 
 /// Both arms, or none where not both were seen.
 pub async fn read(
-    readers: &SqlitePool,
+    readers: &AnyPool,
     procedure_id: &str,
     sequence: u32,
 ) -> Result<Option<Standing>, JournalError> {
@@ -59,9 +57,9 @@ pub async fn read(
     let mut at_ms = 0;
     for row in &rows {
         at_ms = row.try_get("recorded_at_ms")?;
-        let arm: &str = row.try_get("arm")?;
+        let arm: String = row.try_get("arm")?;
         let pose = Some(pose(row)?);
-        match Arm::parse(arm) {
+        match Arm::parse(&arm) {
             Some(Arm::Forceps) => forceps = pose,
             Some(Arm::Arthroscope) => arthroscope = pose,
             None => {
@@ -69,7 +67,7 @@ pub async fn read(
                     table: "standings",
                     column: "arm",
                     id: procedure_id.to_owned(),
-                    value: arm.to_owned(),
+                    value: arm,
                 });
             }
         }
@@ -83,7 +81,7 @@ pub async fn read(
         }))
 }
 
-fn pose(row: &SqliteRow) -> Result<Rigid<Base, Tool>, JournalError> {
+fn pose(row: &AnyRow) -> Result<Rigid<Base, Tool>, JournalError> {
     // As they were written: of norm 1, which must not be divided by once more.
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(
         row.try_get("rotation_w")?,

@@ -1,0 +1,217 @@
+//! The journal in SQL: one text of every statement, which SQLite and PostgreSQL both understand.
+//!
+//! [`super::sqlite`] and [`super::postgres`] open it. Every write goes through [`SqlJournal::write`], so that none
+//! is made by a gateway that is no longer in command.
+
+mod cases;
+mod command;
+mod migrations;
+mod procedures;
+mod rows;
+mod standing;
+
+use std::fs::File;
+
+use bytes::Bytes;
+use sqlx::{Any, AnyPool, Transaction};
+use tokio::sync::{Mutex, watch};
+
+use super::{Blob, Duty, Journal, JournalError};
+use crate::cases::case::Case;
+use crate::clients::motion::Standing;
+use crate::procedure::Procedure;
+use crate::procedure::steps::{BiteOutcome, Step};
+
+pub(super) use command::{Take, keep};
+pub(super) use migrations::migrate;
+
+/// The open journal.
+#[derive(Debug)]
+pub struct SqlJournal {
+    writer: AnyPool,
+    readers: AnyPool,
+    /// For the command row alone, so that no long write keeps its lease from being renewed.
+    keeper: AnyPool,
+    /// Held while the command row is asked for or given up.
+    changing: Mutex<Changing>,
+    dialect: Dialect,
+    duty: watch::Sender<Duty>,
+    /// The lock on an SQLite file, kept as long as the journal is open; the system unlocks it when the process dies.
+    _lock: Option<File>,
+}
+
+/// What the changes of command remember.
+#[derive(Debug, Default)]
+struct Changing {
+    /// Command was given up for good.
+    has_left: bool,
+}
+
+/// The connections to one database.
+#[derive(Debug)]
+pub(super) struct Pools {
+    /// Write, in transactions.
+    pub writer: AnyPool,
+    /// Only read.
+    pub readers: AnyPool,
+    /// Write and read the command row.
+    pub keeper: AnyPool,
+}
+
+/// Where the two databases need different words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Dialect {
+    Sqlite,
+    Postgres,
+}
+
+// === impl SqlJournal ===
+
+impl SqlJournal {
+    /// On a database whose tables are up to date. Nothing can be written before command is taken.
+    pub(super) fn new(pools: Pools, dialect: Dialect, lock: Option<File>) -> Self {
+        let nobody = Duty::Standby {
+            holder: String::new(),
+        };
+        Self {
+            writer: pools.writer,
+            readers: pools.readers,
+            keeper: pools.keeper,
+            changing: Mutex::default(),
+            dialect,
+            duty: watch::Sender::new(nobody),
+            _lock: lock,
+        }
+    }
+
+    /// A transaction in which this gateway is in command until it ends. Whoever takes command waits for its end, and
+    /// whoever has lost command is refused.
+    async fn write(&self) -> Result<Transaction<'static, Any>, JournalError> {
+        let epoch = match &*self.duty.borrow() {
+            Duty::InCommand { epoch } => *epoch,
+            Duty::Standby { holder } => {
+                return Err(JournalError::NotInCommand {
+                    holder: holder.clone(),
+                });
+            }
+        };
+        let mut transaction = self.writer.begin().await?;
+        if command::hold(&mut transaction, self.dialect, epoch).await? {
+            return Ok(transaction);
+        }
+        // Whatever these two come to, nothing was written and nothing will be.
+        let holder = self.lose(epoch).await.unwrap_or_default();
+        transaction.rollback().await.ok();
+        Err(JournalError::Fenced { epoch, holder })
+    }
+}
+
+#[tonic::async_trait]
+impl Journal for SqlJournal {
+    fn duty(&self) -> watch::Receiver<Duty> {
+        self.duty.subscribe()
+    }
+
+    async fn leave(&self) -> Result<(), JournalError> {
+        self.give_command_up().await
+    }
+
+    async fn create_case(&self, case: &Case) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        cases::create(&mut transaction, case).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn save_case(&self, case: &Case, blobs: &[(Blob, Bytes)]) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        cases::save(&mut transaction, case, blobs).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn case(&self, case_id: &str) -> Result<Option<Case>, JournalError> {
+        cases::one(&self.readers, case_id).await
+    }
+
+    async fn cases(&self) -> Result<Vec<Case>, JournalError> {
+        cases::all(&self.readers).await
+    }
+
+    async fn blob(&self, case_id: &str, blob: Blob) -> Result<Bytes, JournalError> {
+        cases::blob(&self.readers, case_id, blob).await
+    }
+
+    async fn create_procedure(&self, procedure: &Procedure) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        procedures::create(&mut transaction, procedure).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn save_procedure(&self, procedure: &Procedure) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        procedures::save(&mut transaction, procedure).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn claim_open(&self) -> Result<Vec<Procedure>, JournalError> {
+        let mut transaction = self.write().await?;
+        let claimed = procedures::claim(&mut transaction, self.dialect).await?;
+        transaction.commit().await?;
+        let mut procedures = Vec::with_capacity(claimed.len());
+        for procedure_id in claimed {
+            procedures.extend(procedures::one(&self.readers, &procedure_id).await?);
+        }
+        Ok(procedures)
+    }
+
+    async fn procedure(&self, procedure_id: &str) -> Result<Option<Procedure>, JournalError> {
+        procedures::one(&self.readers, procedure_id).await
+    }
+
+    async fn procedures(&self) -> Result<Vec<Procedure>, JournalError> {
+        procedures::all(&self.readers).await
+    }
+
+    async fn intend(&self, procedure_id: &str, step: &Step) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        procedures::intend(&mut transaction, procedure_id, step).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn end_step(
+        &self,
+        procedure: &Procedure,
+        step: &Step,
+        outcome: Option<&BiteOutcome>,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        procedures::end_step(&mut transaction, procedure, step, outcome).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn record_standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+        standing: &Standing,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        standing::record(&mut transaction, procedure_id, sequence, standing).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+    ) -> Result<Option<Standing>, JournalError> {
+        standing::read(&self.readers, procedure_id, sequence).await
+    }
+
+    async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError> {
+        procedures::steps(&self.readers, procedure_id).await
+    }
+
+    async fn bite_outcomes(&self, procedure_id: &str) -> Result<Vec<BiteOutcome>, JournalError> {
+        procedures::bite_outcomes(&self.readers, procedure_id).await
+    }
+}

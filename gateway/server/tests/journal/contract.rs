@@ -1,0 +1,198 @@
+//! What the gateway relies on, whichever database it is.
+
+use arthro_gateway::journal::{Blob, Duty, JournalError};
+use arthro_gateway::procedure::steps::Kind;
+use arthro_gateway::procedure::{Procedure, State};
+use bytes::Bytes;
+
+use crate::store::{Store, on_both};
+use crate::values::{case, done, filled, outcome, procedure, step};
+
+on_both! {
+    what_was_written_is_read_after_it_was_opened_anew,
+    a_case_is_replaced_with_the_blobs_that_came_with_it,
+    cases_come_newest_first,
+    a_second_open_procedure_is_refused,
+    a_step_is_written_before_and_after,
+    an_end_of_a_step_is_written_whole_or_not_at_all,
+    an_operation_id_is_used_once,
+    whoever_opens_it_is_in_command_with_an_epoch_that_grows,
+    whoever_gave_command_up_cannot_write,
+    a_procedure_of_no_case_is_refused,
+}
+
+async fn what_was_written_is_read_after_it_was_opened_anew(store: Store) {
+    let journal = store.open().await;
+    let written = filled("c");
+    journal.create_case(&written).await.unwrap();
+    let scene = Bytes::from(vec![0xA5; 3_000_000]);
+    journal
+        .save_case(&written, &[(Blob::Scene, scene.clone())])
+        .await
+        .unwrap();
+    let journal = store.reopen(journal).await;
+    assert_eq!(journal.case("c").await.unwrap(), Some(written));
+    assert_eq!(journal.blob("c", Blob::Scene).await.unwrap(), scene);
+    assert!(journal.blob("c", Blob::Lesion).await.unwrap().is_empty());
+    assert_eq!(journal.case("other").await.unwrap(), None);
+}
+
+async fn a_case_is_replaced_with_the_blobs_that_came_with_it(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    for content in [&b"first"[..], b"second"] {
+        let blob = (Blob::Vertices, Bytes::from_static(content));
+        journal.save_case(&filled("c"), &[blob]).await.unwrap();
+    }
+    journal.save_case(&case("c"), &[]).await.unwrap();
+    assert_eq!(journal.case("c").await.unwrap(), Some(case("c")));
+    assert_eq!(
+        journal.blob("c", Blob::Vertices).await.unwrap(),
+        &b"second"[..]
+    );
+}
+
+async fn cases_come_newest_first(store: Store) {
+    let journal = store.open().await;
+    for (id, created_at_ms) in [("old", 1), ("new", 3), ("middle", 2)] {
+        let mut case = case(id);
+        case.created_at_ms = created_at_ms;
+        journal.create_case(&case).await.unwrap();
+    }
+    let cases = journal.cases().await.unwrap();
+    let ids: Vec<_> = cases.iter().map(|case| case.id.as_str()).collect();
+    assert_eq!(ids, ["new", "middle", "old"]);
+}
+
+async fn a_second_open_procedure_is_refused(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    let mut first = procedure("p1", "c");
+    journal.create_procedure(&first).await.unwrap();
+    for state in [
+        State::Running,
+        State::Paused,
+        State::Aborting,
+        State::Interrupted,
+    ] {
+        first.state = state;
+        journal.save_procedure(&first).await.unwrap();
+        let second = journal.create_procedure(&procedure("p2", "c")).await;
+        assert!(second.is_err(), "while the first is {state}");
+    }
+    for state in [State::Completed, State::Aborted] {
+        first.state = state;
+        journal.save_procedure(&first).await.unwrap();
+        let second = Procedure {
+            state,
+            ..procedure(state.as_str(), "c")
+        };
+        journal.create_procedure(&second).await.unwrap();
+    }
+}
+
+async fn a_step_is_written_before_and_after(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    let mut procedure = procedure("p", "c");
+    journal.create_procedure(&procedure).await.unwrap();
+    let bite = step(1, Kind::Bite, Some(0));
+    journal.intend("p", &bite).await.unwrap();
+    assert_eq!(
+        journal.steps("p").await.unwrap(),
+        std::slice::from_ref(&bite)
+    );
+
+    procedure.bites_done = 1;
+    procedure.robot_seconds = 0.1 + 0.2;
+    procedure.step = Some(done(&bite));
+    journal
+        .end_step(&procedure, &done(&bite), Some(&outcome(0)))
+        .await
+        .unwrap();
+    let retract = step(2, Kind::Retract, None);
+    journal.intend("p", &retract).await.unwrap();
+    assert_eq!(
+        journal.steps("p").await.unwrap(),
+        [done(&bite), retract.clone()]
+    );
+    assert_eq!(journal.bite_outcomes("p").await.unwrap(), [outcome(0)]);
+    procedure.step = Some(retract);
+    assert_eq!(
+        journal.procedure("p").await.unwrap().as_ref(),
+        Some(&procedure)
+    );
+    assert_eq!(journal.procedures().await.unwrap(), [procedure]);
+}
+
+async fn an_end_of_a_step_is_written_whole_or_not_at_all(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    let mut procedure = procedure("p", "c");
+    journal.create_procedure(&procedure).await.unwrap();
+    let bite = step(1, Kind::Bite, Some(0));
+    journal.intend("p", &bite).await.unwrap();
+    journal
+        .end_step(&procedure, &done(&bite), Some(&outcome(0)))
+        .await
+        .unwrap();
+    // The outcome stands already, so that the second of the three writes is refused.
+    let before = journal.procedure("p").await.unwrap();
+    procedure.bites_done = 2;
+    let mut other = done(&bite);
+    other.detail = "another end".to_owned();
+    let again = journal
+        .end_step(&procedure, &other, Some(&outcome(0)))
+        .await;
+    assert!(matches!(again, Err(JournalError::Database(_))), "{again:?}");
+    assert_eq!(journal.procedure("p").await.unwrap(), before);
+    assert_eq!(journal.steps("p").await.unwrap(), [done(&bite)]);
+}
+
+async fn an_operation_id_is_used_once(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    journal
+        .create_procedure(&procedure("p", "c"))
+        .await
+        .unwrap();
+    journal
+        .intend("p", &step(1, Kind::Bite, Some(0)))
+        .await
+        .unwrap();
+    let mut again = step(2, Kind::Bite, Some(0));
+    again.operation_id = step(1, Kind::Bite, Some(0)).operation_id;
+    assert!(journal.intend("p", &again).await.is_err());
+    assert_eq!(journal.steps("p").await.unwrap().len(), 1);
+}
+
+async fn whoever_opens_it_is_in_command_with_an_epoch_that_grows(store: Store) {
+    let mut journal = store.open().await;
+    for epoch in 1..=3 {
+        assert_eq!(*journal.duty().borrow(), Duty::InCommand { epoch });
+        journal = store.reopen(journal).await;
+    }
+}
+
+async fn whoever_gave_command_up_cannot_write(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    journal.leave().await.unwrap();
+    let written = journal.create_case(&case("d")).await;
+    assert!(
+        matches!(&written, Err(JournalError::NotInCommand { holder }) if holder.is_empty()),
+        "{written:?}"
+    );
+    assert_eq!(journal.cases().await.unwrap(), [case("c")]);
+}
+
+async fn a_procedure_of_no_case_is_refused(store: Store) {
+    let journal = store.open().await;
+    assert!(
+        journal
+            .create_procedure(&procedure("p", "none"))
+            .await
+            .is_err()
+    );
+    assert!(journal.procedures().await.unwrap().is_empty());
+}
