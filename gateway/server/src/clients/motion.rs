@@ -128,7 +128,7 @@ impl Arms {
     /// Where they stand, if they do: a moving arm, or one that is out of sight, stands nowhere.
     pub fn standing(&self, at_ms: i64) -> Option<Standing> {
         let still = |arm: &ArmState| arm.connected && !arm.moving;
-        (still(&self.forceps) && still(&self.arthroscope)).then(|| Standing {
+        (still(&self.forceps) && still(&self.arthroscope)).then_some(Standing {
             at_ms,
             forceps: self.forceps.base_from_tool,
             arthroscope: self.arthroscope.base_from_tool,
