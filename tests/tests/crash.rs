@@ -159,6 +159,9 @@ async fn a_procedure_whose_gateway_was_killed_is_interrupted_where_it_was_and_wa
         procedure_id: id.clone(),
         action: RecoveryAction::Withdraw.into(),
         operator: "test".to_owned(),
+        acknowledge: true,
+        // The drives' leases ran out with the gateway; the arms may have latched what they saw then.
+        recover_faults: true,
     };
     procedures
         .recover_procedure(request)

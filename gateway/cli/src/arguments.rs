@@ -104,12 +104,14 @@ pub enum Command {
     Watch(Watch),
     /// Stops both arms and all drives at once.
     Stop(Stop),
-    /// Holds a procedure before its next step.
+    /// Halts a procedure and holds, or draws back along the shafts, as configured.
     Pause(ProcedureId),
     /// Goes on after a pause.
-    Resume(ProcedureId),
-    /// Ends a procedure: retracts along the shaft and withdraws.
+    Resume(Resume),
+    /// Ends a procedure: halts, retracts along the shaft and withdraws.
     Abort(ProcedureId),
+    /// Tells what is known of a halted procedure, and what may be decided.
+    Recovery(ProcedureId),
     /// Decides what happens to an interrupted procedure.
     Recover(Recover),
     /// Looks at recordings of procedures.
@@ -407,9 +409,24 @@ pub struct ProcedureId {
 }
 
 #[derive(Debug, Args)]
+pub struct Resume {
+    /// The newest one if not given.
+    pub procedure: Option<String>,
+    /// You have looked at the cell and let the arms move.
+    #[arg(long)]
+    pub acknowledge: bool,
+}
+
+#[derive(Debug, Args)]
 pub struct Recover {
     /// The newest one if not given.
     pub procedure: Option<String>,
+    /// You have looked at the cell and let the arms move.
+    #[arg(long)]
+    pub acknowledge: bool,
+    /// Acknowledge the latched faults of arms and drives first.
+    #[arg(long)]
+    pub recover_faults: bool,
     /// What to do after retracting along the shaft.
     #[arg(long, value_enum)]
     pub action: RecoveryName,

@@ -6,9 +6,10 @@ use arthro_geometry::ply::{self, Space, Stated, Unit};
 use arthro_geometry::{Cloud, Point3};
 use arthro_proto::common::v1::{Box as TargetBox, Point};
 use arthro_proto::gateway::v1::{
-    AbortProcedureRequest, ListCasesRequest, PauseProcedureRequest, PlanCaseRequest, Procedure,
-    RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, RemoveTouchRequest,
-    ResumeProcedureRequest, StopProcedureRequest, VerifyTargetRequest, ViewPlanning,
+    AbortProcedureRequest, GetRecoveryRequest, ListCasesRequest, PauseProcedureRequest,
+    PlanCaseRequest, Procedure, RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest,
+    RemoveTouchRequest, ResumeProcedureRequest, StopProcedureRequest, VerifyTargetRequest,
+    ViewPlanning,
 };
 use arthro_proto::planning::v1::Planner;
 use serde_json::json;
@@ -80,6 +81,7 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Stop(stop) => {
             let request = StopProcedureRequest {
                 reason: stop.reason,
+                wait_for_devices: true,
             };
             connect().await?.procedures.stop_procedure(request).await?;
             output.line("stopped");
@@ -97,7 +99,10 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
         Command::Resume(which) => {
             let mut gateway = connect().await?;
             let procedure_id = gateway.procedure_id(which.procedure).await?;
-            let request = ResumeProcedureRequest { procedure_id };
+            let request = ResumeProcedureRequest {
+                procedure_id,
+                acknowledge: which.acknowledge,
+            };
             let answer = gateway.procedures.resume_procedure(request).await?;
             print(&answer.into_inner().procedure.unwrap_or_default(), output);
             Ok(())
@@ -108,6 +113,16 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
             let request = AbortProcedureRequest { procedure_id };
             let answer = gateway.procedures.abort_procedure(request).await?;
             print(&answer.into_inner().procedure.unwrap_or_default(), output);
+            Ok(())
+        }
+        Command::Recovery(which) => {
+            let mut gateway = connect().await?;
+            let procedure_id = gateway.procedure_id(which.procedure).await?;
+            let request = GetRecoveryRequest { procedure_id };
+            let answer = gateway.procedures.get_recovery(request).await?;
+            let value = recovery::show(&answer.into_inner());
+            output.line(show::table(&value));
+            output.result(&value);
             Ok(())
         }
         Command::Recover(recover) => {
@@ -122,6 +137,8 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
                 procedure_id,
                 action: action.into(),
                 operator: recover.operator,
+                acknowledge: recover.acknowledge,
+                recover_faults: recover.recover_faults,
             };
             let answer = gateway.procedures.recover_procedure(request).await?;
             print(&answer.into_inner().procedure.unwrap_or_default(), output);
@@ -393,5 +410,6 @@ pub fn unreadable(path: &Path, error: &(dyn std::error::Error + 'static)) -> Fai
     )
 }
 
+mod recovery;
 /// Answers of the gateway as JSON for programs and as lines for people.
 pub mod show;

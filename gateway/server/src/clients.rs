@@ -43,6 +43,9 @@ const COMPUTATION_DEADLINE: Duration = Duration::from_secs(600);
 /// A silent peer is asked for a sign of life this often, and given up when it gives none for as long.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
+/// What a device service says to a command that a stop overtook: the motion service, and the instrument service.
+const STOP_REFUSALS: [&str; 2] = ["STOPPED", "STOP_UNDER_WAY"];
+
 /// All four.
 #[derive(Clone, Debug)]
 pub struct Clients {
@@ -79,6 +82,15 @@ pub enum Acted {
     Perhaps,
 }
 
+/// A fault that a device keeps until somebody acknowledges it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Fault {
+    /// The device service's word.
+    pub reason: String,
+    /// With value and limit.
+    pub detail: String,
+}
+
 /// A call that did not end as asked.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{peer}: {}", status.message())]
@@ -86,6 +98,8 @@ pub struct Failure {
     peer: Peer,
     reason: String,
     acted: Acted,
+    /// Whether a stop ended the operation, or came before it.
+    stopped: bool,
     status: Box<Status>,
 }
 
@@ -111,6 +125,18 @@ impl Clients {
     pub async fn stop_everything(&self, reason: &str) -> Result<(), Failure> {
         let (arms, drives) = tokio::join!(self.motion.stop(reason), self.instrument.stop(reason));
         arms.and(drives)
+    }
+}
+
+// === impl Fault ===
+
+impl Fault {
+    /// None when the service names none.
+    fn of(reason: &str, detail: &str) -> Option<Self> {
+        (!reason.is_empty()).then(|| Self {
+            reason: reason.to_owned(),
+            detail: detail.to_owned(),
+        })
     }
 }
 
@@ -152,6 +178,7 @@ impl Failure {
                 peer,
                 reason,
                 acted,
+                stopped: false,
                 status: Box::new(status),
             };
         }
@@ -165,6 +192,7 @@ impl Failure {
         );
         Self {
             peer,
+            stopped: STOP_REFUSALS.contains(&reason.as_str()),
             reason,
             acted,
             status: Box::new(status),
@@ -184,11 +212,13 @@ impl Failure {
             )),
             reason,
             acted: Acted::Perhaps,
+            stopped: false,
         }
     }
 
     /// The operation ended FAILED or STOPPED.
     fn ended(peer: Peer, operation: common::Operation) -> Self {
+        let stopped = operation.state() == common::OperationState::Stopped;
         let reason = if operation.reason.is_empty() {
             operation
                 .state()
@@ -206,6 +236,7 @@ impl Failure {
             )),
             reason,
             acted: Acted::Perhaps,
+            stopped,
         }
     }
 
@@ -224,7 +255,13 @@ impl Failure {
             )),
             reason: reason.to_owned(),
             acted: Acted::Perhaps,
+            stopped: false,
         }
+    }
+
+    /// Whether a stop ended the operation, or came before it began.
+    pub fn was_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// Whether the service could not be reached, so that asking again may help.

@@ -14,6 +14,7 @@ use crate::audit;
 use crate::audit::key::{KeyError, PublicKey, SigningKey};
 use crate::calendar::end_of_day_ms;
 use crate::calibrations::record::{InForce, Kind, Standing};
+use crate::clients::motion::Arm;
 use crate::clients::replicas::addresses::{Addresses, Where};
 use crate::journal::Place;
 use crate::recording::Settings;
@@ -56,6 +57,15 @@ pub struct Config {
     /// forceps' shaft clear of condyle and plateau. Without it nothing is known of the joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_opening_mm: Option<f64>,
+    /// What a pause does once the step under way is halted.
+    pub pause: PauseMode,
+    /// An arm this far from where it stood when the procedure was halted refuses to go on, mm of its tip.
+    pub pose_tolerance_mm: f64,
+    /// The same for the tool's turning, deg.
+    pub pose_tolerance_deg: f64,
+    /// A motion service that was restarted with a tool inside is told the calibrated portal only if the measured shaft passes
+    /// it this near, mm.
+    pub portal_tolerance_mm: f64,
     /// The jaw of the forceps in use.
     pub jaw: Jaw,
     /// How the audit is kept.
@@ -72,6 +82,30 @@ pub struct Config {
     /// there is no safe default for a hand-eye transform.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
+}
+
+/// What a pause does with the arms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum PauseMode {
+    /// They hold where they are.
+    #[default]
+    Hold,
+    /// They are drawn back along their shafts.
+    Retract,
+}
+
+/// What halts and goes on with a procedure, and within which limits: the checked keys of the configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// What a pause does once the step under way is halted.
+    pub pause: PauseMode,
+    /// How far an arm may be from where it stood, mm.
+    pub pose_tolerance_mm: f64,
+    /// How far a tool may have turned since, deg.
+    pub pose_tolerance_deg: f64,
+    /// How near a measured shaft must pass a portal that is stated with the tool inside, mm.
+    pub portal_tolerance_mm: f64,
 }
 
 /// The forceps' jaw.
@@ -198,6 +232,16 @@ pub struct Cell {
     pub calibrations: InForce,
 }
 
+impl Cell {
+    /// An arm's portal, in its own base.
+    pub fn portal(&self, arm: Arm) -> &Point3 {
+        match arm {
+            Arm::Forceps => &self.forceps_portal,
+            Arm::Arthroscope => &self.arthroscope_portal,
+        }
+    }
+}
+
 /// A value of the configuration that cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("gateway.{field} {problem}")]
@@ -222,6 +266,10 @@ impl Default for Config {
             recordings_max_mib: 20 * 1024,
             view_distance_mm: 20.0,
             joint_opening_mm: None,
+            pause: PauseMode::default(),
+            pose_tolerance_mm: 1.0,
+            pose_tolerance_deg: 1.0,
+            portal_tolerance_mm: 5.0,
             jaw: Jaw::default(),
             audit: AuditConfig::default(),
             approval: Policy::default(),
@@ -278,6 +326,19 @@ impl Config {
             segment_max_bytes,
             folder_max_bytes,
         }))
+    }
+
+    /// Checks what governs halts.
+    pub fn rules(&self) -> Result<Rules, ConfigError> {
+        within("pose_tolerance_mm", self.pose_tolerance_mm, 0.01, 10.0)?;
+        within("pose_tolerance_deg", self.pose_tolerance_deg, 0.01, 10.0)?;
+        within("portal_tolerance_mm", self.portal_tolerance_mm, 0.1, 20.0)?;
+        Ok(Rules {
+            pause: self.pause,
+            pose_tolerance_mm: self.pose_tolerance_mm,
+            pose_tolerance_deg: self.pose_tolerance_deg,
+            portal_tolerance_mm: self.portal_tolerance_mm,
+        })
     }
 
     /// How this gateway is named to others.
@@ -731,6 +792,18 @@ mod tests {
             ..Config::default()
         };
         assert!(problem(&config).contains("jaw.width_mm is 0.003; must be within 0.5 .. 10"));
+    }
+
+    #[test]
+    fn a_tolerance_that_would_take_any_pose_is_refused() {
+        let config = Config {
+            pose_tolerance_mm: 1000.0,
+            ..Config::default()
+        };
+        assert_eq!(
+            config.rules().unwrap_err().to_string(),
+            "gateway.pose_tolerance_mm is 1000; must be within 0.01 .. 10"
+        );
     }
 
     #[test]

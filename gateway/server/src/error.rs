@@ -9,6 +9,7 @@ use crate::audit::layer::AUDIT_FAILED;
 use crate::calendar::utc;
 use crate::calibrations::record::Unusable;
 use crate::clients::Failure;
+use crate::clients::motion::Arm;
 use crate::journal::JournalError;
 use crate::procedure::State;
 use crate::procedure::poses::PoseError;
@@ -205,7 +206,38 @@ pub enum Error {
         /// Where it stands.
         state: State,
         /// Where it would have to stand.
-        needed: &'static str,
+        needed: String,
+    },
+    /// Arms are let move by a person who has looked, or not at all.
+    #[error("arms move only after somebody has looked at the cell: set acknowledge")]
+    AcknowledgementNeeded,
+    /// An arm is not where it stood when the procedure was halted.
+    #[error(
+        "the {arm} is {moved_mm:.2} mm and {moved_deg:.2} deg from where it stood; limits {limit_mm} mm and {limit_deg} deg"
+    )]
+    PoseMoved {
+        /// Which arm.
+        arm: Arm,
+        /// Of its tip.
+        moved_mm: f64,
+        /// Of its tool.
+        moved_deg: f64,
+        /// The configuration's.
+        limit_mm: f64,
+        /// The configuration's.
+        limit_deg: f64,
+    },
+    /// Nobody saw where the arms stand.
+    #[error("where the arms stood when the procedure was halted is not recorded yet: {problem}")]
+    PoseUnknown {
+        /// Why not.
+        problem: String,
+    },
+    /// A fault waits for an acknowledgement that was not given.
+    #[error("faults are latched: {}; set recover_faults once their causes are gone", faults.join("; "))]
+    FaultsLatched {
+        /// Each with its device.
+        faults: Vec<String>,
     },
     /// There is no bite to hold as done.
     #[error("procedure {procedure_id} was not interrupted in a bite; choose another action")]
@@ -295,6 +327,10 @@ impl Error {
             Self::ProcedureActive { .. } => "PROCEDURE_ACTIVE",
             Self::WrongState { .. } => "PROCEDURE_STATE",
             Self::NoBiteInterrupted { .. } => "NO_BITE_INTERRUPTED",
+            Self::AcknowledgementNeeded => "ACKNOWLEDGEMENT_NEEDED",
+            Self::PoseMoved { .. } => "POSE_MOVED",
+            Self::PoseUnknown { .. } => "POSE_UNKNOWN",
+            Self::FaultsLatched { .. } => "FAULT_LATCHED",
             Self::UnreachableBite { .. } => "UNREACHABLE_BITE",
             Self::UnreachableView { .. } => "UNREACHABLE_VIEW",
             Self::Poses(_) => "PLAN_NOT_EXECUTABLE",
@@ -372,8 +408,22 @@ impl Error {
             } => vec![
                 ("procedure_id", procedure_id.clone()),
                 ("state", state.to_string()),
-                ("needed", (*needed).to_owned()),
+                ("needed", needed.clone()),
             ],
+            Self::PoseMoved {
+                arm,
+                moved_mm,
+                moved_deg,
+                limit_mm,
+                limit_deg,
+            } => vec![
+                ("arm", arm.to_string()),
+                ("moved_mm", moved_mm.to_string()),
+                ("moved_deg", moved_deg.to_string()),
+                ("limit_mm", limit_mm.to_string()),
+                ("limit_deg", limit_deg.to_string()),
+            ],
+            Self::FaultsLatched { faults } => vec![("faults", faults.join("; "))],
             Self::NoBiteInterrupted { procedure_id } => {
                 vec![("procedure_id", procedure_id.clone())]
             }

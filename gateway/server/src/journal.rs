@@ -24,6 +24,7 @@ use crate::approval::Digest;
 use crate::audit::entry::{self, Link, Tail};
 use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
+use crate::clients::motion::Standing;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
 use crate::words::words;
@@ -77,6 +78,20 @@ pub trait Journal: Send + Sync + 'static {
         step: &Step,
         outcome: Option<&BiteOutcome>,
     ) -> Result<(), JournalError>;
+    /// Writes where the arms stand after a step, unless that was written before: the first look after a halt is the one that
+    /// counts, and no later one makes a moved arm the rule.
+    async fn record_standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+        standing: &Standing,
+    ) -> Result<(), JournalError>;
+    /// Where the arms stood after a step, if somebody saw it.
+    async fn standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+    ) -> Result<Option<Standing>, JournalError>;
     /// All steps of a procedure in order.
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError>;
     /// What the jaw did, in order.

@@ -51,6 +51,7 @@ impl Service for Server {
 
     async fn build(config: Config, host: Host) -> Result<Routes, BoxError> {
         let cell = config.cell()?;
+        let rules = config.rules()?;
         if cell.is_none() {
             tracing::warn!("the cell is not calibrated: nothing can be planned or performed");
         }
@@ -83,8 +84,14 @@ impl Service for Server {
             config.approval,
             audit.clone(),
         );
-        let procedures =
-            Procedures::take_over(journal, cases.clone(), clients.clone(), audit.clone()).await?;
+        let procedures = Procedures::take_over(
+            journal,
+            cases.clone(),
+            clients.clone(),
+            audit.clone(),
+            rules,
+        )
+        .await?;
         if let Some(recorder) = &recorder {
             procedures.recorded_by(recorder.clone());
         }

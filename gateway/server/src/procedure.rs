@@ -1,20 +1,27 @@
 //! A procedure as a value: one performance of an approved plan, and where it stands.
 //!
 //! [`control::Procedures`] starts, commands and recovers procedures; [`sequencer::Run`] owns the one
-//! that is under way; [`steps`], [`poses`] and [`recovery`] are the pure part.
+//! that is under way; [`machine`], [`steps`], [`poses`], [`safety`] and [`recovery`] are the pure part.
 
 pub mod control;
 pub mod lease;
+pub mod machine;
 pub mod perform;
 pub mod poses;
 pub mod recovery;
+pub mod safety;
 pub mod sequencer;
+pub mod situation;
+pub mod standing;
 pub mod steps;
+pub mod wish;
 
 use crate::approval::Digest;
 use crate::clients::Acted;
+use crate::error::{Error, Result};
+use crate::procedure::machine::{Event, StepEvent};
 use crate::procedure::sequencer::Interruption;
-use crate::procedure::steps::{BiteOutcome, Step, StepState};
+use crate::procedure::steps::{BiteOutcome, Step};
 use crate::wall_clock::now_ms;
 use crate::words::words;
 
@@ -95,21 +102,47 @@ impl State {
 }
 
 impl Procedure {
+    /// Changes the state by the machine's table, which alone says what may follow.
+    pub fn apply(&mut self, event: Event) -> Result<()> {
+        self.state = self.after(event)?;
+        Ok(())
+    }
+
+    /// The state that `event` leads to; refused with PROCEDURE_STATE where there is none.
+    pub fn after(&self, event: Event) -> Result<State> {
+        machine::next(self.state, event).map_err(|refused| Error::WrongState {
+            procedure_id: self.id.clone(),
+            state: self.state,
+            needed: refused.needed(),
+        })
+    }
+
     /// Leaves the procedure to the operator. The step under way has failed, or is in doubt if it removes tissue and may
-    /// have acted.
+    /// have acted. A procedure that is over stays so.
     pub fn interrupt(&mut self, interruption: &Interruption) {
-        self.state = State::Interrupted;
+        if self.apply(Event::Interrupt).is_err() {
+            return;
+        }
         self.reason.clone_from(&interruption.reason);
         self.detail.clone_from(&interruption.detail);
+        self.cut_off(
+            interruption.acted,
+            &interruption.reason,
+            &interruption.detail,
+        );
+    }
+
+    /// Ends the step under way otherwise than it was meant to.
+    pub fn cut_off(&mut self, acted: Acted, reason: &str, detail: &str) {
+        let event = match acted {
+            Acted::No => StepEvent::Refused,
+            Acted::Perhaps => StepEvent::CutOff,
+        };
         if let Some(step) = &mut self.step
-            && step.state == StepState::Intended
+            && step.apply(event)
         {
-            step.state = match interruption.acted {
-                Acted::No => StepState::Failed,
-                Acted::Perhaps => Step::cut_off(step.planned.kind),
-            };
             step.ended_at_ms = Some(now_ms());
-            step.detail = format!("{}: {}", interruption.reason, interruption.detail);
+            step.detail = format!("{reason}: {detail}");
         }
     }
 }

@@ -104,6 +104,8 @@ impl Campaign<'_> {
             procedure_id: procedure.procedure_id.clone(),
             action: action.into(),
             operator: "campaign".to_owned(),
+            acknowledge: true,
+            recover_faults: true,
         };
         match self.world.procedures()?.recover_procedure(request).await {
             Ok(_) => Ok(()),

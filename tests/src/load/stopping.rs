@@ -83,7 +83,10 @@ impl Stopper {
             let reason = "load".to_owned();
             let asked = Instant::now();
             gateway
-                .stop_procedure(StopProcedureRequest { reason })
+                .stop_procedure(StopProcedureRequest {
+                    reason,
+                    ..Default::default()
+                })
                 .await?;
             all[0].push(ms(asked));
             pause(all[0].len()).await;

@@ -570,10 +570,10 @@ mod tests {
                 matches!(refused, Err(Error::SurgeonNeeded { .. })),
                 "{role}"
             );
-            assert_eq!(case.stage(None), Stage::Registered);
+            assert_eq!(case.stage(None, ONE), Stage::Registered);
         }
         case.accept(by(Role::Surgeon)).unwrap();
-        assert_eq!(case.stage(None), Stage::Accepted);
+        assert_eq!(case.stage(None, ONE), Stage::Accepted);
     }
 
     #[test]

@@ -7,8 +7,10 @@ use tonic::Streaming;
 use tonic::transport::Channel;
 
 use super::{
-    Failure, MOTION_DEADLINE, Peer, SHORT_DEADLINE, STOP_DEADLINE, ask, first, follow, within,
+    Failure, Fault, MOTION_DEADLINE, Peer, SHORT_DEADLINE, STOP_DEADLINE, ask, first, follow,
+    within,
 };
+use crate::words::words;
 
 const PEER: Peer = Peer::Instrument;
 
@@ -21,10 +23,28 @@ pub struct Instrument(InstrumentServiceClient<Channel>);
 pub struct Axes {
     /// Axes without a reference, as the service names them.
     unreferenced: Vec<i32>,
-    /// Whether a fault is latched on any axis.
-    pub faulty: bool,
+    /// The latched faults, each with the word of its axis.
+    pub faults: Vec<(&'static str, Fault)>,
+    /// The jaw.
+    pub jaw: Jaw,
     /// Where the forceps' rotation stands, deg.
     pub forceps_rotation_deg: f64,
+}
+
+words! {
+    /// How the jaw stands.
+    Jaw {
+        /// Open.
+        Open = "OPEN",
+        /// On its way.
+        Moving = "MOVING",
+        /// Closed with nothing between the blades.
+        ClosedEmpty = "CLOSED_EMPTY",
+        /// Closed, and something was felt on the way.
+        ClosedOnTissue = "CLOSED_ON_TISSUE",
+        /// Nobody knows, until it is opened or homed.
+        Unknown = "UNKNOWN",
+    }
 }
 
 /// What the jaw did in a bite.
@@ -36,10 +56,34 @@ pub struct Bitten {
     pub peak_current_ma: f64,
 }
 
+impl Jaw {
+    /// Whether it is known to be at one end of its way, so that it may be drawn through tissue as it is.
+    pub const fn is_known(self) -> bool {
+        matches!(self, Self::Open | Self::ClosedEmpty | Self::ClosedOnTissue)
+    }
+}
+
 impl Axes {
+    /// Referenced axes that stand.
+    #[cfg(test)]
+    pub fn standing(jaw: Jaw, faults: Vec<(&'static str, Fault)>) -> Self {
+        Self {
+            unreferenced: Vec::new(),
+            faults,
+            jaw,
+            forceps_rotation_deg: 0.0,
+        }
+    }
+
     /// Whether all axes have their reference.
     pub fn referenced(&self) -> bool {
         self.unreferenced.is_empty()
+    }
+
+    /// The words of the axes without a reference.
+    pub fn unreferenced(&self) -> Vec<&'static str> {
+        let named = self.unreferenced.iter().copied();
+        named.map(axis_word).collect()
     }
 }
 
@@ -65,7 +109,21 @@ impl Instrument {
                 .filter(|axis| !axis.homed)
                 .map(|axis| axis.axis)
                 .collect(),
-            faulty: state.axes.iter().any(|axis| !axis.fault_reason.is_empty()),
+            faults: state
+                .axes
+                .iter()
+                .filter_map(|axis| {
+                    let fault = Fault::of(&axis.fault_reason, &axis.fault_detail)?;
+                    Some((axis_word(axis.axis), fault))
+                })
+                .collect(),
+            jaw: match state.jaw() {
+                proto::JawState::Open => Jaw::Open,
+                proto::JawState::Moving => Jaw::Moving,
+                proto::JawState::ClosedEmpty => Jaw::ClosedEmpty,
+                proto::JawState::ClosedOnTissue => Jaw::ClosedOnTissue,
+                proto::JawState::Unknown | proto::JawState::Unspecified => Jaw::Unknown,
+            },
             forceps_rotation_deg,
         })
     }
@@ -224,6 +282,14 @@ impl Instrument {
             .await
             .map(drop)
     }
+}
+
+/// An axis as the service names it; one of a newer service has no word here.
+fn axis_word(axis: i32) -> &'static str {
+    proto::Axis::try_from(axis)
+        .unwrap_or_default()
+        .as_str_name()
+        .trim_start_matches("AXIS_")
 }
 
 fn angle_deg(position: Option<proto::AxisPosition>) -> Option<f64> {

@@ -1,6 +1,6 @@
 //! The two arms, through the motion service.
 
-mod standing;
+mod tip;
 
 use arthro_geometry::frame::{Base, Tool};
 use arthro_geometry::{Point3, Rigid, Rotation};
@@ -11,12 +11,13 @@ use tonic::Streaming;
 use tonic::transport::Channel;
 
 use super::{
-    Failure, MOTION_DEADLINE, Peer, SHORT_DEADLINE, STOP_DEADLINE, ask, first, follow, within,
+    Failure, Fault, MOTION_DEADLINE, Peer, SHORT_DEADLINE, STOP_DEADLINE, ask, first, follow,
+    within,
 };
 use crate::wire;
 use crate::words::words;
 
-pub use standing::Standing;
+pub use tip::TipWatch;
 
 const PEER: Peer = Peer::Motion;
 
@@ -70,8 +71,23 @@ pub struct ArmState {
     pub base_from_tool: Rigid<Base, Tool>,
     /// Whether the tip is beyond the portal.
     pub inside: bool,
-    /// Whether a fault is latched.
-    pub faulty: bool,
+    /// Whether a move runs or is being stopped.
+    pub moving: bool,
+    /// Whether the link is up; if not, this is what was measured last.
+    pub connected: bool,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+}
+
+/// Where both arms stood at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Standing {
+    /// Milliseconds since 1970-01-01 UTC.
+    pub at_ms: i64,
+    /// Of the forceps, base_from_tool.
+    pub forceps: Rigid<Base, Tool>,
+    /// Of the arthroscope, base_from_tool.
+    pub arthroscope: Rigid<Base, Tool>,
 }
 
 /// Both arms.
@@ -103,7 +119,27 @@ pub struct Check {
     pub detail: String,
 }
 
+impl Standing {
+    /// One of the two.
+    pub fn get(&self, arm: Arm) -> &Rigid<Base, Tool> {
+        match arm {
+            Arm::Forceps => &self.forceps,
+            Arm::Arthroscope => &self.arthroscope,
+        }
+    }
+}
+
 impl Arms {
+    /// Where they stand, if they do: a moving arm, or one that is out of sight, stands nowhere.
+    pub fn standing(&self, at_ms: i64) -> Option<Standing> {
+        let still = |arm: &ArmState| arm.connected && !arm.moving;
+        (still(&self.forceps) && still(&self.arthroscope)).then_some(Standing {
+            at_ms,
+            forceps: self.forceps.base_from_tool,
+            arthroscope: self.arthroscope.base_from_tool,
+        })
+    }
+
     /// One of the two.
     pub fn get(&self, arm: Arm) -> &ArmState {
         match arm {
@@ -349,6 +385,8 @@ fn arm_state(state: &proto::ArmState) -> Result<ArmState, Failure> {
             },
         )?,
         inside: state.inside,
-        faulty: !state.fault_reason.is_empty(),
+        moving: state.moving,
+        connected: state.connected,
+        fault: Fault::of(&state.fault_reason, &state.fault_detail),
     })
 }

@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use arthro_bootstrap::status;
+use arthro_bootstrap::tls::DialError;
 use tonic::transport::Channel;
 use tonic::{Response, Status};
 
@@ -61,11 +62,7 @@ struct Attempts {
 
 impl Replicas {
     /// Begins to look at the replicas. Must be called within a Tokio runtime.
-    pub fn new(
-        peer: Peer,
-        place: Where,
-        connector: Connector,
-    ) -> Result<Self, tonic::transport::Error> {
+    pub fn new(peer: Peer, place: Where, connector: Connector) -> Result<Self, DialError> {
         let mut pool = Pool::default();
         if let Where::Listed(addresses) = &place {
             pool.renew(addresses, |address| connector.channel(address))?;

@@ -10,6 +10,7 @@ mod command;
 mod migrations;
 mod procedures;
 mod rows;
+mod standing;
 
 use std::fs::File;
 
@@ -22,6 +23,7 @@ use crate::approval::Digest;
 use crate::audit::entry::{Link, Tail};
 use crate::calibrations::record::{Calibration, Kind, Revocation};
 use crate::cases::case::Case;
+use crate::clients::motion::Standing;
 use crate::procedure::Procedure;
 use crate::procedure::steps::{BiteOutcome, Step};
 
@@ -188,6 +190,25 @@ impl Journal for SqlJournal {
         let mut transaction = self.write().await?;
         procedures::end_step(&mut transaction, procedure, step, outcome).await?;
         Ok(transaction.commit().await?)
+    }
+
+    async fn record_standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+        standing: &Standing,
+    ) -> Result<(), JournalError> {
+        let mut transaction = self.write().await?;
+        standing::record(&mut transaction, procedure_id, sequence, standing).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn standing(
+        &self,
+        procedure_id: &str,
+        sequence: u32,
+    ) -> Result<Option<Standing>, JournalError> {
+        standing::read(&self.readers, procedure_id, sequence).await
     }
 
     async fn steps(&self, procedure_id: &str) -> Result<Vec<Step>, JournalError> {

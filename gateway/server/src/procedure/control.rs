@@ -16,13 +16,17 @@ use crate::approval::Digest;
 use crate::audit::{Audit, witness};
 use crate::cases::Cases;
 use crate::clients::{Acted, Clients};
+use crate::config::Rules;
 use crate::error::{Error, Result};
 use crate::journal::{Duty, Journal};
+use crate::procedure::machine::Event;
 use crate::procedure::perform::Performer;
-use crate::procedure::recovery::Action;
-use crate::procedure::sequencer::{Approval, Interruption, Run, Wish};
+use crate::procedure::recovery::Decision;
+use crate::procedure::sequencer::{Approval, Interruption, Run};
+use crate::procedure::situation::Situation;
 use crate::procedure::steps::Planned;
-use crate::procedure::{Procedure, Report, State};
+use crate::procedure::wish::Wish;
+use crate::procedure::{Procedure, Report, State, safety, situation, standing};
 use crate::recording::Recorder;
 
 /// The procedures of this gateway.
@@ -34,6 +38,7 @@ struct Shared {
     cases: Cases,
     clients: Clients,
     audit: Audit,
+    rules: Rules,
     /// The procedure that is not over, if there is one.
     open: Mutex<Option<Open>>,
     /// Whether this gateway may command; see [`command`].
@@ -61,12 +66,14 @@ impl Procedures {
         cases: Cases,
         clients: Clients,
         audit: Audit,
+        rules: Rules,
     ) -> Result<Self> {
         let this = Self(Arc::new(Shared {
             journal,
             cases,
             clients,
             audit,
+            rules,
             open: Mutex::default(),
             duty: watch::Sender::new(Duty::nobody()),
             deciding: tokio::sync::Mutex::default(),
@@ -99,58 +106,79 @@ impl Procedures {
     }
 
     /// Decides what happens to an interrupted procedure.
-    pub async fn recover(
-        &self,
-        procedure_id: String,
-        action: Action,
-        operator: String,
-    ) -> Result<Procedure> {
+    pub async fn recover(&self, procedure_id: String, decision: Decision) -> Result<Procedure> {
         let this = self.clone();
         owned(tokio::spawn(async move {
-            this.decide_recovery(procedure_id, action, operator).await
+            this.decide_recovery(procedure_id, decision).await
         }))
         .await
     }
 
-    /// Holds before the next step.
-    pub async fn pause(&self, procedure_id: &str) -> Result<Procedure> {
-        self.wish(procedure_id, Wish::Pause, "RUNNING", |state| {
-            matches!(state, State::Running | State::Paused)
-        })
-        .await
+    /// What is known of a procedure that is halted, and what may be decided.
+    pub async fn situation(&self, procedure_id: &str) -> Result<Situation> {
+        let procedure = self.get(procedure_id).await?;
+        let Shared {
+            journal,
+            cases,
+            clients,
+            rules,
+            ..
+        } = &*self.0;
+        situation::look(journal, cases, clients, rules, procedure).await
     }
 
-    /// Goes on after a pause, if the plan is still approved.
+    /// Halts the step under way and holds. Answers when the wish is taken.
+    pub async fn pause(&self, procedure_id: &str) -> Result<Procedure> {
+        self.wish(procedure_id, Wish::Pause).await
+    }
+
+    /// Goes on after a pause, if the plan is still approved and the arms stand where they stood.
     pub async fn resume(&self, procedure_id: &str) -> Result<Procedure> {
-        let resumable = |state| matches!(state, State::Running | State::Paused);
-        let procedure = self.in_state(procedure_id, "PAUSED", resumable).await?;
-        self.0
-            .cases
+        let procedure = self.admitted(procedure_id, Event::Resume).await?;
+        let Shared {
+            journal,
+            cases,
+            clients,
+            rules,
+            ..
+        } = &*self.0;
+        cases
             .approved(&procedure.case_id, procedure.plan_digest)
             .await?;
-        self.wish(procedure_id, Wish::Run, "PAUSED", resumable)
-            .await
+        let arms = clients.motion.arms().await?;
+        let stood = standing::recorded(journal, &procedure, &arms).await?;
+        safety::stand_where_they_stood(&stood, &arms, rules)?;
+        self.wish(procedure_id, Wish::Run).await
     }
 
-    /// Retreats after the step under way, and ends.
+    /// Halts the step under way, retreats, and ends. Answers when the wish is taken.
     pub async fn abort(&self, procedure_id: &str) -> Result<Procedure> {
-        self.wish(
-            procedure_id,
-            Wish::Abort,
-            "RUNNING or PAUSED",
-            State::is_under_way,
-        )
-        .await
+        self.wish(procedure_id, Wish::Abort).await
     }
 
-    /// Stops both arms and all drives at once, whether a procedure is under way or not.
-    pub async fn stop(&self, reason: String) -> Result<()> {
+    /// Stops both arms and all drives at once, whether a procedure is under way or not. Answers when the orders are on
+    /// their way.
+    pub fn stop(&self, reason: String) {
+        let confirming = self.send_stop(reason);
+        tokio::spawn(async move {
+            if let Err(error) = confirming.await {
+                tracing::error!(%error, "not every device confirmed the stop");
+            }
+        });
+    }
+
+    /// The same, and answers when both services have confirmed it.
+    pub async fn stop_confirmed(&self, reason: String) -> Result<()> {
+        self.send_stop(reason).await
+    }
+
+    /// Nothing is waited for before the orders are on their way, and nothing that the caller does calls them back.
+    fn send_stop(&self, reason: String) -> impl Future<Output = Result<()>> + Send + 'static {
         self.halt("STOPPED", &reason);
         let clients = self.0.clients.clone();
         owned(tokio::spawn(async move {
             Ok(clients.stop_everything(&reason).await?)
         }))
-        .await
     }
 
     /// Interrupts what is under way because the gateway ends; resolves when it is written.
@@ -221,32 +249,18 @@ impl Procedures {
         }
     }
 
-    async fn in_state(
-        &self,
-        procedure_id: &str,
-        needed: &'static str,
-        fits: impl Fn(State) -> bool,
-    ) -> Result<Procedure> {
+    /// The procedure, if the machine has a row for `event` where it stands.
+    async fn admitted(&self, procedure_id: &str, event: Event) -> Result<Procedure> {
         let procedure = self.get(procedure_id).await?;
-        if fits(procedure.state) {
-            return Ok(procedure);
-        }
-        Err(Error::WrongState {
-            procedure_id: procedure.id,
-            state: procedure.state,
-            needed,
-        })
+        procedure.after(event)?;
+        Ok(procedure)
     }
 
-    /// Passes a wish on; one that has been overtaken by an abort or stop is refused.
-    async fn wish(
-        &self,
-        procedure_id: &str,
-        wish: Wish,
-        needed: &'static str,
-        fits: impl Fn(State) -> bool,
-    ) -> Result<Procedure> {
-        let procedure = self.in_state(procedure_id, needed, fits).await?;
+    /// Passes a wish on; one that has been overtaken by an abort or stop is refused. Waits for nothing while the procedure
+    /// is the open one.
+    async fn wish(&self, procedure_id: &str, wish: Wish) -> Result<Procedure> {
+        let event = wish.event();
+        let procedure = self.admitted(procedure_id, event).await?;
         let taken = match &*self.open() {
             Some(open) if open.published.borrow().id == procedure_id => {
                 open.wish.send_if_modified(|current| {
@@ -262,10 +276,16 @@ impl Procedures {
         if taken {
             return Ok(procedure);
         }
-        Err(Error::WrongState {
-            procedure_id: procedure.id,
-            state: State::Aborting,
-            needed,
+        // An abort or stop has been taken and is not carried out yet.
+        let mut overtaken = procedure;
+        overtaken.state = State::Aborting;
+        Err(match overtaken.after(event) {
+            Err(refusal) => refusal,
+            Ok(state) => Error::WrongState {
+                procedure_id: overtaken.id,
+                state,
+                needed: "not stopping".to_owned(),
+            },
         })
     }
 
@@ -291,7 +311,7 @@ impl Procedures {
         steps: Vec<Planned>,
         performer: Performer,
         published: watch::Sender<Procedure>,
-        end: State,
+        end: Event,
     ) {
         if let Some(recorder) = self.0.recorder.get() {
             recorder.follow(published.subscribe());
@@ -308,9 +328,12 @@ impl Procedures {
             performer,
             clients: self.0.clients.clone(),
             journal: self.0.journal.clone(),
+            rules: self.0.rules,
             published: published.clone(),
             wish: wish.subscribe(),
+            obeyed: Wish::Run,
             end,
+            unwritten: None,
         };
         let mut open = self.open();
         let followed = open
@@ -335,6 +358,7 @@ impl Procedures {
             if tokio::spawn(run.run()).await.is_err() {
                 this.own_failed(&published).await;
             }
+            this.record_standing(&published);
             let mut open = this.open();
             // By now a next procedure may be open.
             if open.as_ref().is_some_and(|open| {
@@ -343,6 +367,24 @@ impl Procedures {
                 *open = None;
             }
         });
+    }
+
+    /// Records where the arms stand once they are seen, while the procedure waits for its operator.
+    fn record_standing(&self, published: &watch::Sender<Procedure>) {
+        let procedure = published.borrow().clone();
+        if procedure.state != State::Interrupted {
+            return;
+        }
+        let published = published.clone();
+        let sequence = standing::sequence(&procedure);
+        let halted = move || {
+            let now = published.borrow();
+            now.state == State::Interrupted && standing::sequence(&now) == sequence
+        };
+        let (journal, clients) = (self.0.journal.clone(), self.0.clients.clone());
+        tokio::spawn(standing::record_when_seen(
+            journal, clients, procedure, halted,
+        ));
     }
 
     /// The owner ended without a word: its state is not known, so everything stops.

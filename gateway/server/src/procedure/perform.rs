@@ -1,23 +1,30 @@
 //! What each step commands: a few commands to the arms and drives, each confirmed before the next.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use arthro_geometry::{Point3, Vector3};
+use arthro_proto::common::v1::Authorization;
 
 use crate::cases::Approved;
 use crate::clients::motion::{Arm, ArmState, Move, MoveProgress};
-use crate::clients::{Acted, Clients, Failure};
+use crate::clients::{Acted, Clients, Failure, Peer};
 use crate::config::Cell;
 use crate::procedure::lease::Command;
 use crate::procedure::poses::{
     self, BitePose, OUTSIDE_DEPTH_MM, PoseError, Poses, VIEW_DEPTH_MIN_MM, ViewPose,
 };
+use crate::procedure::safety::Placement;
 use crate::procedure::steps::{BiteOutcome, Kind, Planned};
 
 /// A tip that moves no farther goes to its next view inside, mm; planning keeps most of them so near.
 const NEAR_VIEW_MM: f64 = 10.0;
 /// Depths nearer than this are one, mm.
 const SAME_DEPTH_MM: f64 = 0.1;
+/// Values of [`Halt::commanded`].
+const NOTHING: u8 = 0;
+const ARMS: u8 = 1;
+const DRIVES: u8 = 2;
 
 /// The arms and drives under the gateway's command, and where they shall go.
 pub struct Performer {
@@ -26,6 +33,37 @@ pub struct Performer {
     cell: Arc<Cell>,
     /// Unset when only a retreat is left.
     poses: Option<Poses>,
+    retraction: Retraction,
+    /// Whether faults are still to be acknowledged; the operator's decision serves one retraction.
+    recovers_faults: AtomicBool,
+    halt: Halt,
+}
+
+/// What a retraction from anywhere may do beside drawing back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Retraction {
+    /// Acknowledge latched faults: the operator's decision, never the gateway's own.
+    pub recover_faults: bool,
+    /// How near the measured shaft must pass a portal that is stated with the tool inside, mm.
+    pub portal_tolerance_mm: f64,
+}
+
+/// Whether further commands may leave, and to whom the last one went.
+#[derive(Debug, Default)]
+struct Halt {
+    halted: AtomicBool,
+    commanded: AtomicU8,
+}
+
+/// Which devices have a command that may be under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Commanded {
+    /// Neither.
+    Nothing,
+    /// The arms.
+    Arms,
+    /// The drives.
+    Drives,
 }
 
 /// What a step did.
@@ -58,6 +96,23 @@ pub enum StepError {
     /// The step needs the approved plan, which is not at hand.
     #[error("the step {0} needs the approved plan")]
     NoPlan(Kind),
+    /// No further command leaves.
+    #[error("the step was halted before its next command")]
+    Halted,
+    /// A tool stands beyond its calibrated portal and its shaft does not pass it.
+    #[error(
+        "the {arm}'s tip is {depth_mm:.1} mm beyond the calibrated portal and its shaft passes it at {off_portal_mm:.2} mm; limit {limit_mm} mm"
+    )]
+    OffPortal {
+        /// Which arm.
+        arm: Arm,
+        /// Of the tip.
+        depth_mm: f64,
+        /// Of the shaft's line.
+        off_portal_mm: f64,
+        /// The configuration's.
+        limit_mm: f64,
+    },
 }
 
 impl StepError {
@@ -75,6 +130,17 @@ impl StepError {
             Self::Failure(failure) => failure.reason(),
             Self::JawAngle { .. } => "JAW_ANGLE",
             Self::NoPlan(_) => "NO_PLAN",
+            Self::Halted => "HALTED",
+            Self::OffPortal { .. } => "SHAFT_OFF_PORTAL",
+        }
+    }
+
+    /// Whether a halt ended the step, and not a fault of its own.
+    pub fn was_halted(&self) -> bool {
+        match self {
+            Self::Failure(failure) => failure.was_stopped(),
+            Self::Halted => true,
+            Self::JawAngle { .. } | Self::NoPlan(_) | Self::OffPortal { .. } => false,
         }
     }
 
@@ -82,7 +148,9 @@ impl StepError {
     pub fn acted(&self) -> Acted {
         match self {
             Self::Failure(failure) => failure.acted(),
-            Self::JawAngle { .. } | Self::NoPlan(_) => Acted::No,
+            Self::JawAngle { .. } | Self::NoPlan(_) | Self::Halted | Self::OffPortal { .. } => {
+                Acted::No
+            }
         }
     }
 }
@@ -107,24 +175,53 @@ impl Ids<'_> {
 
 impl Performer {
     /// For an approved plan.
-    pub fn new(clients: Clients, command: Command, approved: &Approved) -> Result<Self, PoseError> {
+    pub fn new(
+        clients: Clients,
+        command: Command,
+        approved: &Approved,
+        retraction: Retraction,
+    ) -> Result<Self, PoseError> {
         let poses = Poses::of(&approved.plan, &approved.registration, &approved.cell)?;
         Ok(Self {
-            clients,
-            command,
-            cell: approved.cell.clone(),
             poses: Some(poses),
+            ..Self::for_retreat(clients, command, approved.cell.clone(), retraction)
         })
     }
 
     /// For a retreat, which needs no plan.
-    pub fn for_retreat(clients: Clients, command: Command, cell: Arc<Cell>) -> Self {
+    pub fn for_retreat(
+        clients: Clients,
+        command: Command,
+        cell: Arc<Cell>,
+        retraction: Retraction,
+    ) -> Self {
         Self {
             clients,
             command,
             cell,
             poses: None,
+            retraction,
+            recovers_faults: AtomicBool::new(retraction.recover_faults),
+            halt: Halt::default(),
         }
+    }
+
+    /// Lets no further command of the step under way leave, and says where the last one went.
+    pub fn halt(&self) -> Commanded {
+        self.halt.halted.store(true, Ordering::SeqCst);
+        match self.halt.commanded.load(Ordering::SeqCst) {
+            ARMS => Commanded::Arms,
+            DRIVES => Commanded::Drives,
+            _ => Commanded::Nothing,
+        }
+    }
+
+    /// Which bites are watched from another place than the one before; empty when only a retreat is left.
+    pub fn view_moves(&self) -> Vec<bool> {
+        self.poses
+            .as_ref()
+            .map(Poses::view_moves)
+            .unwrap_or_default()
     }
 
     /// The leases under which everything is commanded.
@@ -144,6 +241,8 @@ impl Performer {
         operation_id: &str,
         watch: &mut (dyn FnMut(Arm, MoveProgress) + Send),
     ) -> Result<Performed, StepError> {
+        self.halt.halted.store(false, Ordering::SeqCst);
+        self.halt.commanded.store(NOTHING, Ordering::SeqCst);
         let mut step = Performing {
             performer: self,
             ids: Ids {
@@ -201,19 +300,30 @@ struct Performing<'a> {
 }
 
 impl Performing<'_> {
+    /// For the next command of the step, unless it is halted.
+    fn authorize(&mut self, peer: Peer) -> Result<Authorization, StepError> {
+        let Performer { command, halt, .. } = self.performer;
+        // Noted before the question: whoever halts after it hears of this command.
+        let commanded = match peer {
+            Peer::Instrument => DRIVES,
+            _ => ARMS,
+        };
+        halt.commanded.store(commanded, Ordering::SeqCst);
+        if halt.halted.load(Ordering::SeqCst) {
+            return Err(StepError::Halted);
+        }
+        let id = self.ids.next();
+        Ok(match peer {
+            Peer::Instrument => command.of_instrument(id),
+            _ => command.of_motion(id),
+        })
+    }
+
     /// Drives referenced, portals stated, forceps over the tray with its jaw open, arthroscope in front of its portal.
     async fn prepare(&mut self) -> Result<Performed, StepError> {
         let performer = self.performer;
         let poses = performer.poses(Kind::Prepare)?;
-        let axes = performer.clients.instrument.axes().await?;
-        if !axes.referenced() {
-            let authorization = performer.command.of_instrument(self.ids.next());
-            performer
-                .clients
-                .instrument
-                .home(authorization, &axes)
-                .await?;
-        }
+        self.find_references().await?;
         self.set_portal(Arm::Forceps).await?;
         self.set_portal(Arm::Arthroscope).await?;
 
@@ -289,7 +399,7 @@ impl Performing<'_> {
                     lowest_deg: travel.0,
                     highest_deg: travel.1,
                 })?;
-        let authorization = performer.command.of_instrument(self.ids.next());
+        let authorization = self.authorize(Peer::Instrument)?;
         instrument.turn_forceps(authorization, angle_deg).await?;
         Ok(told(format!("jaw at {angle_deg:.1} deg")))
     }
@@ -311,7 +421,7 @@ impl Performing<'_> {
             .measured(Arm::Forceps)
             .await
             .map_err(StepError::before)?;
-        let authorization = performer.command.of_instrument(self.ids.next());
+        let authorization = self.authorize(Peer::Instrument)?;
         let bitten = performer.clients.instrument.bite(authorization).await?;
         Ok(Performed {
             detail: format!("{} at {:.0} mA", bitten.jaw, bitten.peak_current_ma),
@@ -330,36 +440,25 @@ impl Performing<'_> {
         Ok(Performed::default())
     }
 
-    /// Acknowledges faults and draws back whatever is inside, along its shaft.
+    /// Draws back whatever is inside, along its shaft; faults are acknowledged only where the operator has said so.
     async fn retract_both(&mut self) -> Result<Performed, StepError> {
         let performer = self.performer;
         let motion = &performer.clients.motion;
-        let arms = motion.arms().await?;
-        for arm in [Arm::Forceps, Arm::Arthroscope] {
-            if arms.get(arm).faulty {
-                let authorization = performer.command.of_motion(self.ids.next());
-                motion.recover_fault(authorization, arm).await?;
+        // A motion service that was restarted does not know what is inside before it knows the portal; and what it does
+        // not know to be inside it would let go elsewhere than back once its fault is acknowledged.
+        for arm in Arm::ALL {
+            if !motion.has_portal(*arm).await? {
+                self.restate_portal(*arm).await?;
             }
         }
-        if performer.clients.instrument.axes().await?.faulty {
-            let authorization = performer.command.of_instrument(self.ids.next());
-            performer
-                .clients
-                .instrument
-                .recover_fault(authorization)
-                .await?;
-        }
-        // A motion service that was restarted does not know what is inside before it knows the portal.
-        for arm in [Arm::Forceps, Arm::Arthroscope] {
-            if !motion.has_portal(arm).await? {
-                self.set_portal(arm).await?;
-            }
+        if performer.recovers_faults.swap(false, Ordering::SeqCst) {
+            self.recover_faults().await?;
         }
         let arms = motion.arms().await?;
         let mut retracted = Vec::new();
-        for arm in [Arm::Forceps, Arm::Arthroscope] {
-            if arms.get(arm).inside {
-                self.retract(arm).await?;
+        for arm in Arm::ALL {
+            if arms.get(*arm).inside {
+                self.retract(*arm).await?;
                 retracted.push(arm.as_str());
             }
         }
@@ -367,6 +466,52 @@ impl Performing<'_> {
             [] => "nothing was inside".to_owned(),
             arms => format!("retracted {}", arms.join(" and ")),
         }))
+    }
+
+    async fn recover_faults(&mut self) -> Result<(), StepError> {
+        let Clients {
+            motion, instrument, ..
+        } = &self.performer.clients;
+        let arms = motion.arms().await?;
+        for arm in Arm::ALL {
+            if arms.get(*arm).fault.is_some() {
+                let authorization = self.authorize(Peer::Motion)?;
+                motion.recover_fault(authorization, *arm).await?;
+            }
+        }
+        if !instrument.axes().await?.faults.is_empty() {
+            let authorization = self.authorize(Peer::Instrument)?;
+            instrument.recover_fault(authorization).await?;
+        }
+        Ok(())
+    }
+
+    /// The calibrated portal, held against the measured shaft first: told a wrong one, the motion service would draw a tool
+    /// that is inside back along a line that the skin does not lie on.
+    async fn restate_portal(&mut self, arm: Arm) -> Result<(), StepError> {
+        let measured = self.performer.measured(arm).await?;
+        let portal = self.performer.cell.portal(arm);
+        let limit_mm = self.performer.retraction.portal_tolerance_mm;
+        let placement = Placement::of(&measured.base_from_tool, portal);
+        if !placement.may_have_portal(limit_mm) {
+            return Err(StepError::OffPortal {
+                arm,
+                depth_mm: placement.depth_mm,
+                off_portal_mm: placement.off_portal_mm,
+                limit_mm,
+            });
+        }
+        self.set_portal(arm).await
+    }
+
+    async fn find_references(&mut self) -> Result<(), StepError> {
+        let instrument = &self.performer.clients.instrument;
+        let axes = instrument.axes().await?;
+        if !axes.referenced() {
+            let authorization = self.authorize(Peer::Instrument)?;
+            instrument.home(authorization, &axes).await?;
+        }
+        Ok(())
     }
 
     async fn pivot_back(&mut self) -> Result<Performed, StepError> {
@@ -385,7 +530,9 @@ impl Performing<'_> {
         Ok(Performed::default())
     }
 
+    /// Over the tray. Drives that lost their reference find it here, where nothing is in their way.
     async fn release(&mut self) -> Result<Performed, StepError> {
+        self.find_references().await?;
         self.open_jaw().await?;
         Ok(Performed::default())
     }
@@ -414,24 +561,21 @@ impl Performing<'_> {
 
     async fn set_portal(&mut self, arm: Arm) -> Result<(), StepError> {
         let performer = self.performer;
-        let portal = match arm {
-            Arm::Forceps => performer.cell.forceps_portal,
-            Arm::Arthroscope => performer.cell.arthroscope_portal,
-        };
-        let authorization = performer.command.of_motion(self.ids.next());
+        let portal = *performer.cell.portal(arm);
+        let authorization = self.authorize(Peer::Motion)?;
         let motion = &performer.clients.motion;
         Ok(motion.set_portal(authorization, arm, &portal).await?)
     }
 
     async fn open_jaw(&mut self) -> Result<(), StepError> {
         let performer = self.performer;
-        let authorization = performer.command.of_instrument(self.ids.next());
+        let authorization = self.authorize(Peer::Instrument)?;
         Ok(performer.clients.instrument.open_jaw(authorization).await?)
     }
 
     async fn move_arm(&mut self, arm: Arm, motion: Move) -> Result<(), StepError> {
         let performer = self.performer;
-        let authorization = performer.command.of_motion(self.ids.next());
+        let authorization = self.authorize(Peer::Motion)?;
         let watch = &mut *self.watch;
         let client = &performer.clients.motion;
         Ok(client

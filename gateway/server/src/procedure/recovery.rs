@@ -5,6 +5,7 @@
 //! Bites are numbered in order, and everything below `next_bite` is done, so one number says where a
 //! procedure stands.
 
+use crate::procedure::machine::Event;
 use crate::procedure::steps::{self, Kind, Planned, Step, StepState, around};
 use crate::words::words;
 
@@ -20,6 +21,19 @@ words! {
     }
 }
 
+/// An operator's decision after an interruption.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decision {
+    /// What shall happen.
+    pub action: Action,
+    /// Who decides.
+    pub operator: String,
+    /// Whether they have looked at the cell and let the arms move.
+    pub acknowledged: bool,
+    /// Whether latched faults are to be acknowledged first.
+    pub recover_faults: bool,
+}
+
 /// Where the procedure goes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recovery {
@@ -29,6 +43,16 @@ pub struct Recovery {
     pub bites_done: u32,
     /// The steps to come.
     pub steps: Vec<Planned>,
+}
+
+impl Action {
+    /// The event that the decision is in the machine's table.
+    pub const fn event(self) -> Event {
+        match self {
+            Self::Withdraw => Event::Withdraw,
+            Self::RepeatBite | Self::MarkDone => Event::GoOn,
+        }
+    }
 }
 
 /// What `action` leads to, given the journal so far and which bites of the plan have a view of their own (see
@@ -47,13 +71,13 @@ pub fn decide(
             steps: steps::retreat(),
         }),
         Action::RepeatBite => Some(going_on(next_bite, views)),
-        Action::MarkDone => {
-            let was_begun = journal
-                .iter()
-                .any(|step| step.planned.bite == Some(next_bite));
-            was_begun.then(|| going_on(next_bite + 1, views))
-        }
+        Action::MarkDone => was_begun(journal, next_bite).then(|| going_on(next_bite + 1, views)),
     }
+}
+
+/// Whether there is anything of a bite that could be held as done.
+pub fn was_begun(journal: &[Step], bite: u32) -> bool {
+    journal.iter().any(|step| step.planned.bite == Some(bite))
 }
 
 /// Whether a step is a bite whose outcome nobody knows.

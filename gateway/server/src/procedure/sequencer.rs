@@ -2,7 +2,9 @@
 //! before and after, and obeys pause, abort and stop between and within steps.
 //!
 //! No call owns a procedure. A call changes the [`Wish`]; the owner acts on it and publishes where
-//! the procedure stands.
+//! the procedure stands. Its states follow the table of [`machine`](super::machine) alone.
+
+mod halting;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,38 +12,17 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use uuid::Uuid;
 
-use crate::clients::motion::{Arm, MoveProgress};
 use crate::clients::{Acted, Clients};
+use crate::config::{PauseMode, Rules};
 use crate::error::{Error, Result};
 use crate::journal::Journal;
+use crate::procedure::machine::{Event, StepEvent};
 use crate::procedure::perform::{Performed, Performer};
-use crate::procedure::steps::{self, Kind, Planned, Step, StepState};
-use crate::procedure::{Procedure, State};
+use crate::procedure::sequencer::halting::Ended;
+use crate::procedure::steps::{self, BiteOutcome, Kind, Planned, Step, StepState, around};
+use crate::procedure::wish::Wish;
+use crate::procedure::{Procedure, safety, standing};
 use crate::wall_clock::now_ms;
-
-/// What the operator wants of a running procedure.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wish {
-    /// Go on.
-    Run,
-    /// Hold before the next step.
-    Pause,
-    /// Retreat after the step under way, and end.
-    Abort,
-    /// Halt within the step under way. Stable word, and text for a person.
-    Stop(&'static str, String),
-}
-
-impl Wish {
-    /// Whether this wish takes the place of the one before: nothing undoes a stop, only a stop undoes an abort.
-    pub fn overrides(&self, before: &Self) -> bool {
-        match before {
-            Self::Stop(..) => false,
-            Self::Abort => matches!(self, Self::Abort | Self::Stop(..)),
-            Self::Run | Self::Pause => true,
-        }
-    }
-}
 
 /// Why a procedure halts in the middle.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,12 +49,18 @@ pub struct Run {
     pub journal: Arc<dyn Journal>,
     /// Tells whether the plan is still approved.
     pub approval: Box<dyn Approval>,
+    /// What halts do.
+    pub rules: Rules,
     /// To those who watch.
     pub published: watch::Sender<Procedure>,
     /// From those who command.
     pub wish: watch::Receiver<Wish>,
+    /// The wish that is being carried out, or was last.
+    pub obeyed: Wish,
     /// How the procedure ends when all steps are done.
-    pub end: State,
+    pub end: Event,
+    /// What a confirmed bite did, until that is written.
+    pub unwritten: Option<BiteOutcome>,
 }
 
 /// Tells whether what is being executed is still approved.
@@ -94,19 +81,8 @@ struct RunClock {
 impl Run {
     /// Runs to the end or an interruption, publishes and journals it, and gives command back.
     pub async fn run(mut self) {
-        match self.go().await {
-            Ok(()) => {
-                self.procedure.state = self.end;
-                self.procedure.ended_at_ms = Some(now_ms());
-                if let Err(error) = self.journal.save_procedure(&self.procedure).await {
-                    // The work is done; only its record is not. The next start finds it unfinished.
-                    tracing::error!(%error, "the procedure's end was not journalled");
-                    self.procedure.state = State::Interrupted;
-                    self.procedure.reason = "JOURNAL_FAILED".to_owned();
-                    self.procedure.detail = error.to_string();
-                }
-            }
-            Err(interruption) => self.interrupt(interruption).await,
+        if let Err(interruption) = self.go().await {
+            self.interrupt(interruption).await;
         }
         tracing::info!(
             procedure_id = self.procedure.id,
@@ -126,53 +102,114 @@ impl Run {
             before_s: self.procedure.robot_seconds,
             started_s,
         };
-        while let Some(planned) = self.next_step().await? {
-            if matches!(planned.kind, Kind::View | Kind::Approach) {
+        while let Some(planned) = self.next_step(clock).await? {
+            // Before the first motion of a run and before every bite's cycle; drawing back needs no approval.
+            if matches!(planned.kind, Kind::Prepare | Kind::View | Kind::Approach) {
                 self.approval.check().await?;
             }
             self.take(planned, clock).await?;
         }
+        self.finish().await
+    }
+
+    /// The end of the last step. If that cannot be written the work is done and its record is not; the next start finds it
+    /// unfinished.
+    async fn finish(&mut self) -> Result<(), Interruption> {
+        let mut finished = self.procedure.clone();
+        finished.apply(self.end)?;
+        finished.ended_at_ms = Some(now_ms());
+        self.journal.save_procedure(&finished).await?;
+        self.procedure = finished;
         Ok(())
     }
 
     /// The next step once nothing holds it back.
-    async fn next_step(&mut self) -> Result<Option<Planned>, Interruption> {
+    async fn next_step(&mut self, clock: RunClock) -> Result<Option<Planned>, Interruption> {
         loop {
             let wish = self.wish.borrow_and_update().clone();
             match wish {
                 Wish::Stop(reason, detail) => return Err(Interruption::stopped(reason, detail)),
-                Wish::Abort if self.procedure.state != State::Aborting => {
-                    self.steps = steps::retreat().into();
-                    self.end = State::Aborted;
-                    self.enter(State::Aborting).await?;
+                Wish::Abort if self.obeyed != Wish::Abort => {
+                    self.obeyed = wish;
+                    self.begin_retreat().await?;
                 }
-                Wish::Pause if self.procedure.state == State::Running => {
-                    self.enter(State::Paused).await?;
+                Wish::Pause if self.obeyed != Wish::Pause => {
+                    self.obeyed = wish;
+                    self.begin_pause(clock).await?;
                 }
-                Wish::Run if self.procedure.state == State::Paused => {
-                    self.enter(State::Running).await?;
+                Wish::Pause if self.procedure.after(Event::Resume).is_ok() => {
+                    self.wait_paused().await?;
                 }
-                Wish::Pause if self.procedure.state == State::Paused => {
-                    tokio::select! {
-                        failure = self.performer.command().lost() => return Err(failure.into()),
-                        changed = self.wish.changed() => if changed.is_err() {
-                            return Err(Interruption::abandoned());
-                        },
-                    }
+                Wish::Run if self.obeyed == Wish::Pause => {
+                    self.obeyed = wish;
+                    self.enter(Event::Resume).await?;
                 }
                 _ => return Ok(self.steps.pop_front()),
             }
         }
     }
 
-    /// One step: intended, performed, ended.
+    /// The arms hold where they are, or are drawn back where that is configured and safe; where they then stand is what a
+    /// resume is held against.
+    async fn begin_pause(&mut self, clock: RunClock) -> Result<(), Interruption> {
+        if self.rules.pause == PauseMode::Retract {
+            self.draw_back(clock).await?;
+            let overtaken = *self.wish.borrow() != Wish::Pause;
+            if overtaken {
+                return Ok(());
+            }
+        }
+        let arms = self.clients.motion.arms().await?;
+        standing::recorded(&self.journal, &self.procedure, &arms).await?;
+        self.enter(Event::Pause).await
+    }
+
+    async fn draw_back(&mut self, clock: RunClock) -> Result<(), Interruption> {
+        let arms = self.clients.motion.arms().await?;
+        if !(arms.forceps.inside || arms.arthroscope.inside) {
+            return Ok(());
+        }
+        let axes = self.clients.instrument.axes().await?;
+        if let Some(why) = safety::why_not_draw_back(&arms, &axes) {
+            self.procedure.detail = format!("holds instead of drawing back: {why}");
+            return Ok(());
+        }
+        let left = std::mem::take(&mut self.steps);
+        let views = self.performer.view_moves();
+        self.steps = steps::after_drawing_back(left, self.procedure.bites_done, &views).into();
+        self.take(around(Kind::Retract), clock).await
+    }
+
+    async fn wait_paused(&mut self) -> Result<(), Interruption> {
+        tokio::select! {
+            failure = self.performer.command().lost() => Err(failure.into()),
+            changed = self.wish.changed() => match changed {
+                Ok(()) => Ok(()),
+                Err(_) => Err(Interruption::abandoned()),
+            },
+        }
+    }
+
+    /// Out along the shafts, if that is known to be safe without a person.
+    async fn begin_retreat(&mut self) -> Result<(), Interruption> {
+        let arms = self.clients.motion.arms().await?;
+        let axes = self.clients.instrument.axes().await?;
+        if let Some(why) = safety::why_not_draw_back(&arms, &axes) {
+            return Err(Interruption {
+                reason: "ABORT_UNSAFE".to_owned(),
+                detail: why,
+                acted: Acted::No,
+            });
+        }
+        self.steps = steps::retreat().into();
+        self.end = Event::Retreated;
+        self.enter(Event::Abort).await
+    }
+
+    /// One step: intended, performed, ended. One that was halted comes first again.
     async fn take(&mut self, planned: Planned, clock: RunClock) -> Result<(), Interruption> {
         let step = Step {
-            sequence: self
-                .procedure
-                .step
-                .as_ref()
-                .map_or(1, |step| step.sequence + 1),
+            sequence: standing::sequence(&self.procedure) + 1,
             planned,
             state: StepState::Intended,
             operation_id: Uuid::now_v7().to_string(),
@@ -187,49 +224,17 @@ impl Run {
         self.procedure.step = Some(step);
         self.publish();
 
-        let performed = self.perform(planned, &operation_id, clock).await?;
-        // What was confirmed is written even if the clock cannot be read any more; the next step finds that out.
-        let ended_s = self.controller_time_s().await.ok();
-        self.end_step(planned, performed, ended_s, clock).await
-    }
-
-    /// Performs the step until it ends, the leases are lost, or the operator stops.
-    async fn perform(
-        &mut self,
-        planned: Planned,
-        operation_id: &str,
-        clock: RunClock,
-    ) -> Result<Performed, Interruption> {
-        let Self {
-            performer,
-            wish,
-            procedure,
-            published,
-            ..
-        } = self;
-        let mut watch = |arm: Arm, progress: MoveProgress| {
-            procedure.rcm_deviation_max_mm = procedure
-                .rcm_deviation_max_mm
-                .max(progress.rcm_deviation_max_mm);
-            if let (Arm::Forceps, Some(now_s)) = (arm, progress.controller_time_s) {
-                procedure.robot_seconds = clock.robot_seconds(now_s);
+        match self.perform(planned, &operation_id, clock).await {
+            Ok(performed) => {
+                // What was confirmed is written even if the clock cannot be read any more; the next step finds that out.
+                let ended_s = self.controller_time_s().await.ok();
+                self.end_step(planned, performed, ended_s, clock).await
             }
-            published.send_replace(procedure.clone());
-        };
-        tokio::select! {
-            biased;
-            (reason, detail) = stop_wished(wish) => Err(Interruption::stopped(reason, detail)),
-            failure = performer.command().lost() => Err(Interruption {
-                acted: Acted::Perhaps,
-                ..failure.into()
-            }),
-            performed = performer.perform(planned, operation_id, &mut watch) => {
-                performed.map_err(|error| Interruption {
-                    reason: error.reason().to_owned(),
-                    detail: error.to_string(),
-                    acted: error.acted(),
-                })
+            Err(Ended::Halted(wish)) => {
+                self.steps.push_front(planned);
+                self.end_halted(&wish).await
             }
+            Err(Ended::Interrupted(interruption)) => Err(interruption),
         }
     }
 
@@ -249,16 +254,24 @@ impl Run {
             (Kind::Release, Some(bite)) => procedure.next_bite = bite + 1,
             _ => {}
         }
-        if let Some(step) = &mut procedure.step {
-            step.state = StepState::Done;
+        self.unwritten = performed.outcome;
+        if let Some(step) = &mut procedure.step
+            && step.apply(StepEvent::Confirmed)
+        {
             step.ended_at_ms = Some(now_ms());
             step.ended_controller_s = ended_s;
             step.detail = performed.detail;
-            let step = step.clone();
-            self.journal
-                .end_step(procedure, &step, performed.outcome.as_ref())
-                .await?;
         }
+        self.write_step().await?;
+        self.publish();
+        Ok(())
+    }
+
+    /// A reversible step that was halted, or a bite before its command left.
+    async fn end_halted(&mut self, wish: &Wish) -> Result<(), Interruption> {
+        let (reason, detail) = wish.why();
+        self.procedure.cut_off(Acted::Perhaps, reason, detail);
+        self.write_step().await?;
         self.publish();
         Ok(())
     }
@@ -269,18 +282,34 @@ impl Run {
             tracing::error!(%failure, "not every device confirmed the stop");
         }
         self.procedure.interrupt(&interruption);
-        let written = match &self.procedure.step {
-            Some(step) => self.journal.end_step(&self.procedure, step, None).await,
-            None => self.journal.save_procedure(&self.procedure).await,
-        };
-        if let Err(error) = written {
+        if let Err(error) = self.write_step().await {
             // The next start finds the procedure as it stood before, which is in the middle of this step.
             tracing::error!(%error, "the interruption was not journalled");
         }
     }
 
-    async fn enter(&mut self, state: State) -> Result<(), Interruption> {
-        self.procedure.state = state;
+    /// The latest step as it stands, with the procedure and with what a bite did that is not written yet.
+    async fn write_step(&mut self) -> Result<()> {
+        let Self {
+            procedure,
+            journal,
+            unwritten,
+            ..
+        } = self;
+        match &procedure.step {
+            Some(step) => {
+                journal
+                    .end_step(procedure, step, unwritten.as_ref())
+                    .await?
+            }
+            None => journal.save_procedure(procedure).await?,
+        }
+        *unwritten = None;
+        Ok(())
+    }
+
+    async fn enter(&mut self, event: Event) -> Result<(), Interruption> {
+        self.procedure.apply(event)?;
         self.journal.save_procedure(&self.procedure).await?;
         self.publish();
         Ok(())
@@ -293,18 +322,6 @@ impl Run {
 
     fn publish(&self) {
         self.published.send_replace(self.procedure.clone());
-    }
-}
-
-/// Resolves when the operator stops; never when everybody who could is gone.
-async fn stop_wished(wish: &mut watch::Receiver<Wish>) -> (&'static str, String) {
-    let stop = wish
-        .wait_for(|wish| matches!(wish, Wish::Stop(..)))
-        .await
-        .map(|wish| wish.clone());
-    match stop {
-        Ok(Wish::Stop(reason, detail)) => (reason, detail),
-        _ => std::future::pending().await,
     }
 }
 

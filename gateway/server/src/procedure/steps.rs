@@ -3,6 +3,7 @@
 
 use arthro_geometry::Point3;
 
+use crate::procedure::machine::{self, StepEvent};
 use crate::words::words;
 
 words! {
@@ -128,6 +129,31 @@ pub fn retreat() -> Vec<Planned> {
     RETREAT.map(around).to_vec()
 }
 
+/// What is left after a pause that drew both arms back. Where the bite under way was not taken its cycle begins anew; where it
+/// was, the rest of its cycle comes, without the retraction. Whatever bite comes next, the arthroscope is gone in again to see it.
+pub fn after_drawing_back(
+    left: impl IntoIterator<Item = Planned>,
+    bites_done: u32,
+    views: &[bool],
+) -> Vec<Planned> {
+    let left: Vec<_> = left.into_iter().collect();
+    let Some(bite) = left.first().and_then(|step| step.bite) else {
+        return left;
+    };
+    if bite >= bites_done {
+        return without_preparation(bite, views);
+    }
+    let rest = left
+        .into_iter()
+        .filter(|step| step.bite == Some(bite) && step.kind != Kind::Retract);
+    rest.chain(without_preparation(bite + 1, views)).collect()
+}
+
+fn without_preparation(first: u32, views: &[bool]) -> Vec<Planned> {
+    let steps = from_bite(first, views).into_iter();
+    steps.filter(|step| step.kind != Kind::Prepare).collect()
+}
+
 /// A step that belongs to no bite.
 pub const fn around(kind: Kind) -> Planned {
     Planned { kind, bite: None }
@@ -170,11 +196,15 @@ pub struct BiteOutcome {
 }
 
 impl Step {
-    /// How a step ends that was cut off: an irreversible one is in doubt, anything else has failed.
-    pub const fn cut_off(kind: Kind) -> StepState {
-        match kind.effect() {
-            Effect::Irreversible => StepState::InDoubt,
-            Effect::Pure | Effect::Reversible => StepState::Failed,
+    /// Ends the step, or decides on it, by the machine's table. A step that has ended stays as it is.
+    pub fn apply(&mut self, event: StepEvent) -> bool {
+        let effect = self.planned.kind.effect();
+        match machine::next_of_step(self.state, event, effect) {
+            Some(state) => {
+                self.state = state;
+                true
+            }
+            None => false,
         }
     }
 }
@@ -227,9 +257,49 @@ mod tests {
     }
 
     #[test]
-    fn a_bite_that_was_cut_off_is_in_doubt() {
-        assert_eq!(Step::cut_off(Kind::Bite), StepState::InDoubt);
-        assert_eq!(Step::cut_off(Kind::Insert), StepState::Failed);
+    fn a_bite_not_taken_begins_anew_after_drawing_back() {
+        let views = [true, false, true];
+        let all = from_bite(0, &views);
+        // Halted before the insertion of bite 1.
+        let place = all
+            .iter()
+            .position(|step| step.kind == Kind::Insert && step.bite == Some(1))
+            .unwrap();
+        let left = after_drawing_back(all[place..].iter().copied(), 1, &views);
+        let first: Vec<_> = left.iter().map(|step| (step.kind, step.bite)).collect();
+        assert_eq!(first[0], (Kind::View, Some(1)), "the arthroscope is out");
+        assert_eq!(first[1], (Kind::Approach, Some(1)));
+        assert_eq!(left.last(), Some(&around(Kind::Withdraw)));
+    }
+
+    #[test]
+    fn a_bite_that_was_taken_is_not_taken_again_after_drawing_back() {
+        let views = [true, false, true];
+        let all = from_bite(0, &views);
+        let place = all
+            .iter()
+            .position(|step| step.kind == Kind::Retract && step.bite == Some(0))
+            .unwrap();
+        let left = after_drawing_back(all[place..].iter().copied(), 1, &views);
+        let first: Vec<_> = left.iter().map(|step| (step.kind, step.bite)).collect();
+        assert_eq!(
+            first[..5],
+            [
+                (Kind::PivotBack, Some(0)),
+                (Kind::ToTray, Some(0)),
+                (Kind::Release, Some(0)),
+                (Kind::View, Some(1)),
+                (Kind::Approach, Some(1)),
+            ]
+        );
+        let bites = left.iter().filter(|step| step.kind == Kind::Bite);
+        assert_eq!(bites.count(), 2);
+    }
+
+    #[test]
+    fn drawing_back_around_the_bites_changes_nothing() {
+        let left = from_bite(3, &[true; 3]);
+        assert_eq!(after_drawing_back(left.clone(), 3, &[true; 3]), left);
     }
 
     #[test]

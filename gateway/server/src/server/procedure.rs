@@ -1,5 +1,6 @@
 //! `ProcedureService`.
 
+mod recovery;
 pub(super) mod watch;
 
 use arthro_bootstrap::Caller;
@@ -14,7 +15,7 @@ use super::{Answers, Violations, id, person, refuse};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
 use crate::procedure::control::Procedures;
-use crate::procedure::recovery::Action;
+use crate::procedure::recovery::{Action, Decision};
 use crate::procedure::steps::{BiteOutcome, Effect, Kind, Step, StepState};
 use crate::procedure::{Procedure, State};
 use crate::wire;
@@ -65,7 +66,11 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::ResumeProcedureRequest>,
     ) -> Result<Response<proto::ResumeProcedureResponse>, Status> {
-        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
+        let request = request.into_inner();
+        let procedure_id = procedure_id(request.procedure_id)?;
+        if !request.acknowledge {
+            return Err(refuse(Error::AcknowledgementNeeded));
+        }
         let procedure = self.0.resume(&procedure_id).await.map_err(refuse)?;
         Ok(Response::new(proto::ResumeProcedureResponse {
             procedure: Some(procedure_message(&procedure)),
@@ -88,14 +93,18 @@ impl ProcedureService for ProcedureApi {
         &self,
         request: Request<proto::StopProcedureRequest>,
     ) -> Result<Response<proto::StopProcedureResponse>, Status> {
+        let request = request.into_inner();
         let reason: String = request
-            .into_inner()
             .reason
             .chars()
             .filter(|character| !character.is_control())
             .take(200)
             .collect();
-        self.0.stop(reason).await.map_err(refuse)?;
+        if request.wait_for_devices {
+            self.0.stop_confirmed(reason).await.map_err(refuse)?;
+        } else {
+            self.0.stop(reason);
+        }
         Ok(Response::new(proto::StopProcedureResponse {}))
     }
 
@@ -114,10 +123,25 @@ impl ProcedureService for ProcedureApi {
         else {
             return Err(refuse(Error::Invalid(Vec::new())));
         };
-        let procedure = self.0.recover(procedure_id, action, operator).await;
+        let decision = Decision {
+            action,
+            operator,
+            acknowledged: request.acknowledge,
+            recover_faults: request.recover_faults,
+        };
+        let procedure = self.0.recover(procedure_id, decision).await;
         Ok(Response::new(proto::RecoverProcedureResponse {
             procedure: Some(procedure_message(&procedure.map_err(refuse)?)),
         }))
+    }
+
+    async fn get_recovery(
+        &self,
+        request: Request<proto::GetRecoveryRequest>,
+    ) -> Result<Response<proto::GetRecoveryResponse>, Status> {
+        let procedure_id = procedure_id(request.into_inner().procedure_id)?;
+        let situation = self.0.situation(&procedure_id).await.map_err(refuse)?;
+        Ok(Response::new(recovery::situation_message(&situation)))
     }
 
     type WatchProcedureStream = Answers<proto::WatchProcedureResponse>;

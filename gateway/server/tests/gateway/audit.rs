@@ -137,6 +137,7 @@ async fn a_stop_and_what_it_interrupts_are_recorded_and_so_is_the_decision_after
     bench.world.arrived("INSERT FORCEPS", 1).await;
     let request = proto::StopProcedureRequest {
         reason: "the knee slipped".to_owned(),
+        wait_for_devices: true,
     };
     bench.procedures.stop_procedure(request).await.unwrap();
     bench
@@ -203,6 +204,7 @@ async fn without_the_audit_nothing_is_commanded_and_a_stop_still_stops() {
     assert!(bench.world.commands().is_empty());
     let request = proto::StopProcedureRequest {
         reason: "the audit failed".to_owned(),
+        wait_for_devices: true,
     };
     bench.procedures.stop_procedure(request).await.unwrap();
     assert_eq!(*bench.world.stops.borrow(), 2);

@@ -296,16 +296,57 @@ impl Bench {
         }
     }
 
+    pub async fn pause(&mut self, procedure_id: &str) -> Result<proto::Procedure, Status> {
+        let request = proto::PauseProcedureRequest {
+            procedure_id: procedure_id.to_owned(),
+        };
+        let answer = self.procedures.pause_procedure(request).await?;
+        Ok(answer.into_inner().procedure.unwrap())
+    }
+
+    /// With acknowledgement.
+    pub async fn resume(&mut self, procedure_id: &str) -> Result<proto::Procedure, Status> {
+        let request = proto::ResumeProcedureRequest {
+            procedure_id: procedure_id.to_owned(),
+            acknowledge: true,
+        };
+        let answer = self.procedures.resume_procedure(request).await?;
+        Ok(answer.into_inner().procedure.unwrap())
+    }
+
+    pub async fn abort(&mut self, procedure_id: &str) -> Result<proto::Procedure, Status> {
+        let request = proto::AbortProcedureRequest {
+            procedure_id: procedure_id.to_owned(),
+        };
+        let answer = self.procedures.abort_procedure(request).await?;
+        Ok(answer.into_inner().procedure.unwrap())
+    }
+
+    pub async fn recovery(&mut self, procedure_id: &str) -> proto::GetRecoveryResponse {
+        let request = proto::GetRecoveryRequest {
+            procedure_id: procedure_id.to_owned(),
+        };
+        let answer = self.procedures.get_recovery(request).await;
+        answer.unwrap().into_inner()
+    }
+
+    /// With acknowledgement, and not of faults.
     pub async fn recover(
         &mut self,
         procedure_id: &str,
         action: proto::RecoveryAction,
     ) -> Result<proto::Procedure, Status> {
-        let request = proto::RecoverProcedureRequest {
-            procedure_id: procedure_id.to_owned(),
-            action: action.into(),
-            operator: "operator".to_owned(),
+        let decision = proto::RecoverProcedureRequest {
+            acknowledge: true,
+            ..decision(procedure_id, action)
         };
+        self.decide(decision).await
+    }
+
+    pub async fn decide(
+        &mut self,
+        request: proto::RecoverProcedureRequest,
+    ) -> Result<proto::Procedure, Status> {
         let answer = self.procedures.recover_procedure(request).await?;
         Ok(answer.into_inner().procedure.unwrap())
     }
@@ -327,6 +368,19 @@ impl Drop for Bench {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }
+    }
+}
+
+/// An operator's decision that acknowledges nothing.
+pub fn decision(
+    procedure_id: &str,
+    action: proto::RecoveryAction,
+) -> proto::RecoverProcedureRequest {
+    proto::RecoverProcedureRequest {
+        procedure_id: procedure_id.to_owned(),
+        action: action.into(),
+        operator: "operator".to_owned(),
+        ..proto::RecoverProcedureRequest::default()
     }
 }
 

@@ -31,8 +31,8 @@ impl Pair {
         let address = world.serve().await;
         let config = Config {
             journal: Place::Postgres(database.address()),
-            registration: address.clone(),
-            planning: address.clone(),
+            registration: address.clone().into(),
+            planning: address.clone().into(),
             motion: address.clone(),
             instrument: address,
             calibration: Some(calibration()),

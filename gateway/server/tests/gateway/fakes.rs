@@ -14,6 +14,7 @@ use arthro_bootstrap::status;
 use arthro_gateway::journal::Place;
 use arthro_geometry::{Point3, Rotation, Vector3};
 use arthro_proto::common::v1::{Authorization, Operation, OperationState};
+use arthro_proto::instrument::v1::JawState;
 use arthro_proto::instrument::v1::instrument_service_server::InstrumentServiceServer;
 use arthro_proto::motion::v1::motion_service_server::MotionServiceServer;
 use arthro_proto::planning::v1::PlanResectionOptions;
@@ -70,6 +71,9 @@ pub struct World {
     pub arms: Mutex<[FakeArm; 2]>,
     pub rotation_deg: Mutex<f64>,
     pub homed: Mutex<bool>,
+    pub jaw: Mutex<JawState>,
+    /// Whether a fault is latched on the drives.
+    pub drives_faulty: Mutex<bool>,
     pub tokens: Mutex<Tokens>,
 }
 
@@ -123,6 +127,8 @@ impl World {
             arms: Mutex::new([arm(400.0), arm(0.0)]),
             rotation_deg: Mutex::new(10.0),
             homed: Mutex::new(false),
+            jaw: Mutex::new(JawState::Open),
+            drives_faulty: Mutex::new(false),
             tokens: Mutex::default(),
         })
     }
@@ -200,14 +206,19 @@ impl World {
         Ok(authorization.operation_id)
     }
 
-    /// Whether the journal, read by a connection of its own, holds the step as INTENDED.
-    async fn is_intended(&self, step_id: &str) -> bool {
+    /// A connection beside the gateway's, "ro" or "rw".
+    async fn journal_connection(&self, mode: &str) -> AnyConnection {
         sqlx::any::install_default_drivers();
         let url = match &self.journal {
-            Place::File(path) => format!("sqlite:{}?mode=ro", path.display()),
+            Place::File(path) => format!("sqlite:{}?mode={mode}", path.display()),
             Place::Postgres(address) => address.clone(),
         };
-        let mut connection = AnyConnection::connect(&url).await.unwrap();
+        AnyConnection::connect(&url).await.unwrap()
+    }
+
+    /// Whether the journal, read by a connection of its own, holds the step as INTENDED.
+    async fn is_intended(&self, step_id: &str) -> bool {
+        let mut connection = self.journal_connection("ro").await;
         let state: Option<String> =
             sqlx::query_scalar("SELECT state FROM steps WHERE operation_id = $1")
                 .bind(step_id)
@@ -226,6 +237,16 @@ impl World {
             Some(refusal) => Err(refusal.clone()),
             None => Ok(()),
         }
+    }
+
+    /// Takes the journal's write lock until the connection is dropped.
+    pub async fn lock_journal(&self) -> AnyConnection {
+        let mut connection = self.journal_connection("rw").await;
+        sqlx::query("BEGIN IMMEDIATE")
+            .execute(&mut connection)
+            .await
+            .unwrap();
+        connection
     }
 
     /// Waits while `command` is held; says whether a stop came first.

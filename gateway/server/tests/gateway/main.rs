@@ -13,6 +13,7 @@ mod cases;
 mod crash;
 mod failover;
 mod fakes;
+mod halting;
 mod input;
 mod plans;
 #[path = "../shared/postgres.rs"]
@@ -20,6 +21,7 @@ mod postgres;
 mod procedure;
 mod process;
 mod recording;
+mod recovery;
 mod replicas;
 mod storage;
 mod verification;

@@ -213,62 +213,6 @@ async fn a_target_out_of_reach_is_named_before_anything_moves() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_pause_finishes_the_step_and_a_resume_goes_on() {
-    let mut bench = Bench::new().await;
-    bench.world.hold("BITE");
-    let procedure_id = bench.started().await;
-    bench.world.arrived("BITE", 1).await;
-    let pause = proto::PauseProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    bench.procedures.pause_procedure(pause).await.unwrap();
-    bench.world.let_go();
-    let paused = bench.reaches(&procedure_id, ProcedureState::Paused).await;
-    let step = paused.step.unwrap();
-    assert_eq!(
-        (step.kind(), step.state()),
-        (StepKind::Bite, StepState::Done)
-    );
-    assert_eq!(bench.world.commands().last().unwrap(), "BITE");
-
-    let resume = proto::ResumeProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    bench.procedures.resume_procedure(resume).await.unwrap();
-    bench
-        .reaches(&procedure_id, ProcedureState::Completed)
-        .await;
-    assert_eq!(bench.world.count("BITE"), 3);
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_paused_procedure_does_not_resume_with_another_plan() {
-    let mut bench = Bench::new().await;
-    bench.world.hold("BITE");
-    let (case_id, digest) = bench.approved().await;
-    let procedure_id = bench.start(&case_id, &digest).await.unwrap();
-    bench.world.arrived("BITE", 1).await;
-    let pause = proto::PauseProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    bench.procedures.pause_procedure(pause).await.unwrap();
-    bench.world.let_go();
-    bench.reaches(&procedure_id, ProcedureState::Paused).await;
-    bench.register(&case_id).await;
-    let resume = proto::ResumeProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    let resumed = bench.procedures.resume_procedure(resume).await;
-    assert_eq!(reason(resumed), "APPROVAL_VOID");
-
-    let abort = proto::AbortProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    bench.procedures.abort_procedure(abort).await.unwrap();
-    bench.reaches(&procedure_id, ProcedureState::Aborted).await;
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_voided_in_mid_procedure_takes_no_further_bite() {
     let mut bench = Bench::new().await;
     bench.world.hold("BITE");
@@ -294,49 +238,16 @@ async fn a_plan_voided_in_mid_procedure_takes_no_further_bite() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_abort_retreats_along_the_shaft_and_withdraws_both_arms() {
-    let mut bench = Bench::new().await;
-    bench.world.hold("INSERT FORCEPS");
-    let procedure_id = bench.started().await;
-    bench.world.arrived("INSERT FORCEPS", 1).await;
-    let abort = proto::AbortProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    bench.procedures.abort_procedure(abort).await.unwrap();
-    bench.world.let_go();
-    let procedure = bench.reaches(&procedure_id, ProcedureState::Aborted).await;
-    assert_eq!(procedure.bites_done, 0);
-    let commands = bench.world.commands();
-    let after = commands
-        .iter()
-        .position(|command| command == "INSERT FORCEPS")
-        .unwrap()
-        + 1;
-    assert_eq!(
-        commands[after..],
-        [
-            "RETRACT FORCEPS",
-            "RETRACT ARTHROSCOPE",
-            "FREE FORCEPS",
-            "OPEN_JAW",
-            "FREE ARTHROSCOPE"
-        ]
-    );
-    let arms = bench.world.arms.lock().unwrap();
-    assert!(arms.iter().all(|arm| arm.depth_mm().unwrap() < 0.0));
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn a_stop_reaches_the_devices_while_a_step_is_under_way() {
     let mut bench = Bench::new().await;
     bench.world.hold("INSERT FORCEPS");
     let procedure_id = bench.started().await;
     bench.world.arrived("INSERT FORCEPS", 1).await;
     bench.procedures.stop_procedure(stop()).await.unwrap();
-    assert!(*bench.world.stops.borrow() >= 2);
     let procedure = bench
         .reaches(&procedure_id, ProcedureState::Interrupted)
         .await;
+    assert!(*bench.world.stops.borrow() >= 2);
     assert_eq!(
         (procedure.reason.as_str(), procedure.detail.as_str()),
         ("STOPPED", "bleeding")
@@ -378,7 +289,11 @@ async fn a_stop_that_comes_while_a_start_is_checked_is_not_lost() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_stop_needs_no_procedure() {
     let mut bench = Bench::new().await;
-    bench.procedures.stop_procedure(stop()).await.unwrap();
+    let stop = proto::StopProcedureRequest {
+        wait_for_devices: true,
+        ..stop()
+    };
+    bench.procedures.stop_procedure(stop).await.unwrap();
     assert_eq!(*bench.world.stops.borrow(), 2);
 }
 
@@ -417,42 +332,13 @@ async fn a_lost_lease_interrupts_and_leaves_the_bite_in_doubt() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_fault_is_acknowledged_by_the_recovery_alone() {
-    let mut bench = Bench::new().await;
-    bench.world.hold("INSERT FORCEPS");
-    let procedure_id = bench.started().await;
-    bench.world.arrived("INSERT FORCEPS", 1).await;
-    bench.world.arms.lock().unwrap()[0].faulty = true;
-    bench.procedures.stop_procedure(stop()).await.unwrap();
-    bench
-        .reaches(&procedure_id, ProcedureState::Interrupted)
-        .await;
-    bench.world.let_go();
-    assert_eq!(bench.world.count("RECOVER_FAULT FORCEPS"), 0);
-    bench
-        .recover(&procedure_id, RecoveryAction::RepeatBite)
-        .await
-        .unwrap();
-    bench
-        .reaches(&procedure_id, ProcedureState::Completed)
-        .await;
-    assert_eq!(bench.world.count("RECOVER_FAULT FORCEPS"), 1);
-    assert_eq!(bench.world.count("BITE"), 3);
-    assert!(bench.world.unjournalled.lock().unwrap().is_empty());
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn a_procedure_that_is_over_takes_no_wishes() {
     let mut bench = Bench::new().await;
     let procedure_id = bench.started().await;
     bench
         .reaches(&procedure_id, ProcedureState::Completed)
         .await;
-    let pause = proto::PauseProcedureRequest {
-        procedure_id: procedure_id.clone(),
-    };
-    let paused = bench.procedures.pause_procedure(pause).await;
-    assert_eq!(reason(paused), "PROCEDURE_STATE");
+    assert_eq!(reason(bench.pause(&procedure_id).await), "PROCEDURE_STATE");
     let recovered = bench
         .recover(&procedure_id, RecoveryAction::RepeatBite)
         .await;
@@ -464,5 +350,6 @@ async fn a_procedure_that_is_over_takes_no_wishes() {
 fn stop() -> proto::StopProcedureRequest {
     proto::StopProcedureRequest {
         reason: "bleeding".to_owned(),
+        ..proto::StopProcedureRequest::default()
     }
 }

@@ -187,8 +187,8 @@ async fn a_disk_that_takes_no_byte_halts_everything_and_one_that_takes_them_agai
     let address = world.serve().await;
     let config = Config {
         journal,
-        registration: address.clone(),
-        planning: address.clone(),
+        registration: address.clone().into(),
+        planning: address.clone().into(),
         motion: address.clone(),
         instrument: address,
         calibration: Some(calibration()),

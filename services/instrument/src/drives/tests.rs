@@ -2,6 +2,7 @@ mod bite;
 mod bus;
 mod fake;
 mod faults;
+mod hostile;
 mod lease;
 mod motion;
 mod process_data;

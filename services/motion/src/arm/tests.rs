@@ -1,4 +1,5 @@
 mod control;
+mod hostile;
 mod supervisor;
 mod two_arms;
 
@@ -498,6 +499,28 @@ async fn moves_through_the_portal_need_one() {
     let portal = portal.origin() + shaft(&portal) * 80.0;
     cell.handle.set_portal(by, b"", portal).await.unwrap();
     cell.carry_out(insert(-5.0)).await.unwrap();
+}
+
+/// A service that was restarted with the tool inside knows it as soon as it is told the portal, and not a cycle later.
+#[tokio::test]
+async fn a_portal_that_is_stated_with_the_tool_inside_finds_it_inside_at_once() {
+    let robot = FakeRobot::new(tool_arm(), START);
+    let pose = tool_arm().base_from_tool(&START);
+    let behind_the_tip = pose.origin() - shaft(&pose) * 30.0;
+    let mut cell = Cell::with(robot, None, behind_the_tip);
+    cell.connected().await;
+    cell.token = cell.acquire();
+    let by = cell.by();
+    cell.handle
+        .set_portal(by, b"", behind_the_tip)
+        .await
+        .unwrap();
+    // What is published with the answer, without waiting for another state.
+    let state = cell.handle.published().borrow().state.clone().unwrap();
+    assert!(state.inside, "{:?}", state.placement);
+    assert_eq!(cell.refusal(free(&cell, -60.0, 0.0)).await, "TOOL_INSIDE");
+    cell.carry_out(retract(-5.0)).await.unwrap();
+    assert!(!cell.state().await.inside);
 }
 
 #[tokio::test]

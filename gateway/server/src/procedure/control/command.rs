@@ -12,7 +12,8 @@ use crate::clients::Acted;
 use crate::error::Result;
 use crate::journal::Duty;
 use crate::procedure::State;
-use crate::procedure::sequencer::{Interruption, Wish};
+use crate::procedure::sequencer::Interruption;
+use crate::procedure::wish::Wish;
 
 /// What could not be taken over is tried again after this time.
 const TAKEOVER_PERIOD: Duration = Duration::from_millis(500);
@@ -61,9 +62,10 @@ impl Procedures {
                 let published = watch::Sender::new(procedure);
                 tokio::spawn(witness::follow(self.0.audit.clone(), published.subscribe()));
                 *self.open() = Some(Open {
-                    published,
+                    published: published.clone(),
                     wish: watch::Sender::new(Wish::Run),
                 });
+                self.record_standing(&published);
             }
         }
         Ok(())

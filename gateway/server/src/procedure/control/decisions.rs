@@ -9,11 +9,11 @@ use crate::approval::Digest;
 use crate::clients::motion::Arm;
 use crate::error::{Error, Result};
 use crate::procedure::lease::{Command, WhenHeld};
-use crate::procedure::perform::Performer;
+use crate::procedure::machine::{Event, StepEvent};
+use crate::procedure::perform::{Performer, Retraction};
 use crate::procedure::poses::Poses;
-use crate::procedure::recovery::{self, Action};
-use crate::procedure::steps::{self, StepState};
-use crate::procedure::{Procedure, State};
+use crate::procedure::recovery::{self, Action, Decision};
+use crate::procedure::{Procedure, State, situation, steps};
 use crate::wall_clock::now_ms;
 
 impl Procedures {
@@ -55,7 +55,7 @@ impl Procedures {
         let clients = self.0.clients.clone();
         let command =
             Command::acquire(clients.clone(), &holder(&procedure), WhenHeld::Refuse).await?;
-        let performer = Performer::new(clients, command, &approved)?;
+        let performer = Performer::new(clients, command, &approved, self.retraction(false))?;
         if let Err(error) = self.0.journal.create_procedure(&procedure).await {
             performer.release().await;
             return Err(error.into());
@@ -68,7 +68,7 @@ impl Procedures {
             steps,
             performer,
             published,
-            State::Completed,
+            Event::Finish,
         );
         Ok(procedure)
     }
@@ -107,31 +107,51 @@ impl Procedures {
         }
     }
 
+    fn retraction(&self, recover_faults: bool) -> Retraction {
+        Retraction {
+            recover_faults,
+            portal_tolerance_mm: self.0.rules.portal_tolerance_mm,
+        }
+    }
+
     pub(super) async fn decide_recovery(
         &self,
         procedure_id: String,
-        action: Action,
-        operator: String,
+        decision: Decision,
     ) -> Result<Procedure> {
         let stops_before = self.stops();
         let _deciding = self.0.deciding.lock().await;
-        let mut procedure = self
-            .in_state(&procedure_id, "INTERRUPTED", |state| {
-                state == State::Interrupted
-            })
-            .await?;
-        let journal = self.0.journal.steps(&procedure_id).await?;
-        // Whoever goes on biting needs the approval as it was; drawing back needs none.
+        let action = decision.action;
+        let mut procedure = self.admitted(&procedure_id, action.event()).await?;
+        if !decision.acknowledged {
+            return Err(Error::AcknowledgementNeeded);
+        }
+        let shared = &*self.0;
+        let journal = shared.journal.steps(&procedure_id).await?;
+        let (arms, axes) = tokio::join!(
+            shared.clients.motion.arms(),
+            shared.clients.instrument.axes()
+        );
+        let looked = situation::Looked {
+            arms: arms?,
+            axes: axes?,
+        };
+        if !decision.recover_faults {
+            looked.no_faults()?;
+        }
+        // Whoever goes on biting needs the approval as it was, and the arms where they stood; drawing back needs neither.
         let approved = match action {
             Action::Withdraw => None,
-            Action::RepeatBite | Action::MarkDone => Some(
-                self.0
+            Action::RepeatBite | Action::MarkDone => {
+                let approved = shared
                     .cases
                     .approved(&procedure.case_id, procedure.plan_digest)
-                    .await?,
-            ),
+                    .await?;
+                situation::stands(&shared.journal, &shared.rules, &procedure, &looked).await?;
+                Some(approved)
+            }
         };
-        let cell = self.0.cases.cell()?;
+        let cell = shared.cases.cell()?;
         let views = match &approved {
             Some(approved) => {
                 Poses::of(&approved.plan, &approved.registration, &approved.cell)?.view_moves()
@@ -147,26 +167,27 @@ impl Procedures {
         )
         .ok_or(Error::NoBiteInterrupted { procedure_id })?;
 
-        let clients = self.0.clients.clone();
+        let clients = shared.clients.clone();
         let holder = holder(&procedure);
         let command = Command::acquire(clients.clone(), &holder, WhenHeld::WaitOneTtl).await?;
+        let retraction = self.retraction(decision.recover_faults);
         let performer = match &approved {
-            Some(approved) => Performer::new(clients, command, approved)?,
-            None => Performer::for_retreat(clients, command, cell),
+            Some(approved) => Performer::new(clients, command, approved, retraction)?,
+            None => Performer::for_retreat(clients, command, cell, retraction),
         };
 
         let all_done = recovery.bites_done == procedure.bites_planned;
-        let (state, end) = match action {
-            Action::Withdraw if all_done => (State::Aborting, State::Completed),
-            Action::Withdraw => (State::Aborting, State::Aborted),
-            Action::RepeatBite | Action::MarkDone => (State::Running, State::Completed),
+        let end = match action {
+            Action::Withdraw if all_done => Event::RetreatedDone,
+            Action::Withdraw => Event::Retreated,
+            Action::RepeatBite | Action::MarkDone => Event::Finish,
         };
-        procedure.state = state;
+        procedure.apply(action.event())?;
         procedure.next_bite = recovery.next_bite;
         procedure.bites_done = recovery.bites_done;
         procedure.reason.clear();
-        procedure.detail = format!("{action} by {operator}");
-        if let Err(error) = self.write_decision(&mut procedure, action, &operator).await {
+        procedure.detail = format!("{action} by {}", decision.operator);
+        if let Err(error) = self.write_decision(&mut procedure, &decision).await {
             performer.release().await;
             return Err(error);
         }
@@ -187,22 +208,19 @@ impl Procedures {
 
     /// Writes the operator's decision. A bite in doubt is resolved by it, except by a withdrawal: then nobody has said
     /// whether the tissue is gone.
-    async fn write_decision(
-        &self,
-        procedure: &mut Procedure,
-        action: Action,
-        operator: &str,
-    ) -> Result<()> {
+    async fn write_decision(&self, procedure: &mut Procedure, decision: &Decision) -> Result<()> {
         let journal = &self.0.journal;
-        let decided = procedure
-            .step
-            .as_mut()
-            .filter(|step| recovery::in_doubt(step) && action != Action::Withdraw)
-            .map(|step| {
-                step.state = StepState::Resolved;
-                step.detail = format!("{action} by {operator}; was in doubt: {}", step.detail);
-                step.clone()
-            });
+        let Decision {
+            action, operator, ..
+        } = decision;
+        let mut decided = None;
+        if let Some(step) = &mut procedure.step
+            && *action != Action::Withdraw
+            && step.apply(StepEvent::Decided)
+        {
+            step.detail = format!("{action} by {operator}; was in doubt: {}", step.detail);
+            decided = Some(step.clone());
+        }
         match decided {
             Some(step) => journal.end_step(procedure, &step, None).await?,
             None => journal.save_procedure(procedure).await?,

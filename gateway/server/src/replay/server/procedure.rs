@@ -71,6 +71,13 @@ impl ProcedureService for ProcedureApi {
         refused()
     }
 
+    async fn get_recovery(
+        &self,
+        _: Request<proto::GetRecoveryRequest>,
+    ) -> Result<Response<proto::GetRecoveryResponse>, Status> {
+        refused()
+    }
+
     type WatchProcedureStream = Answers<proto::WatchProcedureResponse>;
     async fn watch_procedure(
         &self,

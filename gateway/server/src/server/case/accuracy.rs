@@ -7,7 +7,7 @@ use arthro_proto::registration::v1 as registration;
 use super::super::{Violations, acting, id, text};
 use super::{CaseApi, decoded};
 use crate::cases::case::Case;
-use crate::clients::motion::{Arm, Standing};
+use crate::clients::motion::{Arm, TipWatch};
 use crate::error::{Error, Result as DomainResult};
 use crate::error_budget::Sources;
 use crate::procedure::poses::base_from_ct;
@@ -38,10 +38,10 @@ impl CaseApi {
         let registration = case.registration.as_ref().ok_or(Error::NotRegistered)?;
         let basis = self.cases.verification_basis(&case);
         let basis = basis.ok_or(Error::NotRegistered)?;
-        let tip = match self.clients.motion.standing(Arm::Forceps).await? {
-            Standing::Still(tip) => tip,
-            Standing::Moving { moved_mm } => return Err(Error::ArmMoving { moved_mm }),
-            Standing::NotConnected => return Err(Error::ArmNotConnected),
+        let tip = match self.clients.motion.watch_tip(Arm::Forceps).await? {
+            TipWatch::Still(tip) => tip,
+            TipWatch::Moving { moved_mm } => return Err(Error::ArmMoving { moved_mm }),
+            TipWatch::NotConnected => return Err(Error::ArmNotConnected),
         };
         let touch = Touch {
             landmark,

@@ -71,9 +71,15 @@ impl InstrumentService for FakeInstrument {
                 axis: Axis::ForcepsRotation.into(),
                 position: angle(*self.0.rotation_deg.lock().unwrap()),
                 homed: *self.0.homed.lock().unwrap(),
+                fault_reason: if *self.0.drives_faulty.lock().unwrap() {
+                    "HEARTBEAT_LOST"
+                } else {
+                    ""
+                }
+                .to_owned(),
                 ..AxisState::default()
             }],
-            jaw: JawState::Open.into(),
+            jaw: (*self.0.jaw.lock().unwrap()).into(),
             bus: None,
         };
         Ok(Response::new(Box::pin(tokio_stream::once(Ok(state)))))
@@ -173,10 +179,12 @@ impl InstrumentService for FakeInstrument {
             };
             let running = message(OperationState::Running, JawState::Moving);
             answers.send(Ok(running)).await.ok();
+            *world.jaw.lock().unwrap() = JawState::Moving;
             let last = if world.wait_while_held("BITE").await {
                 message(OperationState::Stopped, JawState::Unknown)
             } else {
                 world.close_jaw();
+                *world.jaw.lock().unwrap() = JawState::ClosedOnTissue;
                 message(OperationState::Done, JawState::ClosedOnTissue)
             };
             answers.send(Ok(last)).await.ok();
@@ -194,6 +202,14 @@ impl InstrumentService for FakeInstrument {
             .0
             .note("OPEN_JAW".to_owned(), authorization, self.token())
             .await?;
+        if !*self.0.homed.lock().unwrap() {
+            return Err(status::refused(
+                "NOT_HOMED",
+                "the feed has no reference",
+                &[],
+            ));
+        }
+        *self.0.jaw.lock().unwrap() = JawState::Open;
         Ok(Response::new(Box::pin(tokio_stream::once(Ok(
             OpenJawResponse {
                 operation: operation(&id, OperationState::Done),
@@ -203,7 +219,9 @@ impl InstrumentService for FakeInstrument {
         )))))
     }
 
+    /// As in the real service, whatever the jaw held is in doubt then.
     async fn stop(&self, _: Request<StopRequest>) -> Result<Response<StopResponse>, Status> {
+        *self.0.jaw.lock().unwrap() = JawState::Unknown;
         self.0.stops.send_modify(|stops| *stops += 1);
         Ok(Response::new(StopResponse {}))
     }
@@ -220,6 +238,7 @@ impl InstrumentService for FakeInstrument {
                 self.token(),
             )
             .await?;
+        *self.0.drives_faulty.lock().unwrap() = false;
         Ok(Response::new(RecoverFaultResponse {}))
     }
 

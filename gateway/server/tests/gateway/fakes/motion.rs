@@ -88,6 +88,18 @@ impl FakeArm {
         Ok(())
     }
 
+    /// A stop ends a move along the shaft halfway; of other moves it leaves nothing.
+    fn go_halfway(&mut self, motion: &move_request::Motion) {
+        use move_request::Motion;
+        let end_mm = match motion {
+            Motion::Insert(insert) => insert.depth_mm,
+            Motion::Retract(retract) => retract.depth_mm,
+            _ => return,
+        };
+        let depth_mm = self.depth_mm().unwrap();
+        self.advance((depth_mm + end_mm) / 2.0);
+    }
+
     fn advance(&mut self, depth_mm: f64) {
         let portal = self.portal.unwrap();
         let off = (self.tip - portal).cross(&self.shaft()).norm();
@@ -294,6 +306,7 @@ impl MotionService for FakeMotion {
                 .await
                 .ok();
             if world.wait_while_held(&command).await {
+                world.arms.lock().unwrap()[index(arm)].go_halfway(&motion);
                 answers
                     .send(Ok(message(OperationState::Stopped, &world)))
                     .await

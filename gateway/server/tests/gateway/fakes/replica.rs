@@ -26,7 +26,7 @@ impl Replica {
 
     pub async fn at(address: SocketAddr) -> Self {
         // It commands nothing, so it looks into no journal.
-        let world = World::new("no journal".into());
+        let world = World::new(std::path::PathBuf::from("no journal").into());
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .enable_all()

@@ -28,6 +28,7 @@ use tonic_health::pb::{HealthCheckRequest, HealthCheckResponse};
 use tower::service_fn;
 
 use crate::config::TlsConfig;
+use crate::connections::Connections;
 use crate::host::{Host, RefusedCall};
 use crate::identity::{Caller, Role};
 use crate::roles::guard::GuardLayer;
@@ -271,7 +272,11 @@ impl Server {
         let router = tonic::transport::Server::builder()
             .layer(guard)
             .add_routes(Routes::new(InterceptedService::new(health, noting)));
-        let connections = incoming::accept(listener, credentials.clone(), host.reports());
+        let connections = incoming::accept(
+            Connections::new(listener, 1024),
+            credentials.clone(),
+            host.reports(),
+        );
         let serving = tokio::spawn(async move {
             router.serve_with_incoming(connections).await.unwrap();
         });

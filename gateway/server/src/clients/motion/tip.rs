@@ -14,7 +14,7 @@ const STILL_MM: f64 = 0.1;
 
 /// What was seen of an arm while it was watched.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Standing {
+pub enum TipWatch {
     /// It stood still: its tip in its own base.
     Still(Point3),
     /// It moved.
@@ -28,7 +28,7 @@ pub enum Standing {
 
 impl Motion {
     /// Watches an arm for a fifth of a second of its own clock.
-    pub async fn standing(&self, arm: Arm) -> Result<Standing, Failure> {
+    pub async fn watch_tip(&self, arm: Arm) -> Result<TipWatch, Failure> {
         let request = proto::WatchStateRequest { period_s: PERIOD_S };
         let call = within(SHORT_DEADLINE, request);
         let mut states = ask(PEER, self.0.clone().watch_state(call)).await?;
@@ -43,21 +43,21 @@ impl Motion {
                 .iter()
                 .find(|state| state.arm() == arm.message());
             let Some(state) = state.filter(|state| state.connected) else {
-                return Ok(Standing::NotConnected);
+                return Ok(TipWatch::NotConnected);
             };
             let time_s = state.controller_time_s;
             let tip = arm_state(state)?.base_from_tool.origin();
             let (since_s, began_at) = *first.get_or_insert((time_s, tip));
             let moved_mm = (tip - began_at).norm();
             if state.moving || moved_mm > STILL_MM {
-                return Ok(Standing::Moving { moved_mm });
+                return Ok(TipWatch::Moving { moved_mm });
             }
             // A clock that runs backwards is that of a controller that was started again.
             if time_s < since_s {
-                return Ok(Standing::NotConnected);
+                return Ok(TipWatch::NotConnected);
             }
             if time_s - since_s >= WATCHED_S {
-                return Ok(Standing::Still(tip));
+                return Ok(TipWatch::Still(tip));
             }
         }
     }
