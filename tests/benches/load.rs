@@ -257,6 +257,8 @@ async fn withdraw(procedures: &mut ProcedureServiceClient<Channel>, procedure_id
         procedure_id: procedure_id.to_owned(),
         action: RecoveryAction::Withdraw.into(),
         operator: "load".to_owned(),
+        acknowledge: true,
+        recover_faults: true,
     };
     procedures
         .recover_procedure(request)

@@ -250,8 +250,15 @@ pub async fn up(arguments: &Up, output: &Output) -> Result<(), Failure> {
     let time_scale = arguments.cell.time_scale;
     let site = arguments.tls.as_deref().map(tls::site).transpose()?;
     let announced = site.clone();
-    let mut cell =
-        Cell::start(&scenario, &arguments.state, time_scale, ports, site, output).await?;
+    let mut cell = Box::pin(Cell::start(
+        &scenario,
+        &arguments.state,
+        time_scale,
+        ports,
+        site,
+        output,
+    ))
+    .await?;
     announce(&cell, announced.as_ref(), output)?;
     let mut terminate = signal(SignalKind::terminate())?;
     loop {

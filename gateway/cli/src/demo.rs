@@ -49,14 +49,14 @@ pub async fn run(arguments: &arguments::Demo, output: &Output) -> Result<(), Fai
             (folder.path().to_owned(), Some(folder))
         }
     };
-    let mut cell = Cell::start(
+    let mut cell = Box::pin(Cell::start(
         &scenario,
         &folder,
         arguments.cell.time_scale,
         Ports::Free,
         None,
         output,
-    )
+    ))
     .await?;
     let urls = cell.urls();
     let outcome = tokio::select! {

@@ -113,9 +113,7 @@ async fn start<S: Service>(
     let (source, host) = Host::channel(credentials.clone());
     let reports = host.reports();
     let routes = Box::pin(S::build(loaded.service, host)).await?;
-    Box::pin(serve::serve(
-        S::NAME,
-        S::OFFERS,
+    Box::pin(serve::serve::<S>(
         server,
         routes,
         credentials,

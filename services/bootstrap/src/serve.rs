@@ -18,7 +18,7 @@ use crate::host::Reports;
 use crate::roles::guard::GuardLayer;
 use crate::roles::stops::Stops;
 use crate::tls::{Credentials, incoming};
-use crate::{BoxError, reflection, run};
+use crate::{BoxError, Service, reflection, run};
 
 /// A client is asked for a sign of life this often, and given up when it gives none for as long: one that reads nothing, too.
 const KEEP_ALIVE: Duration = Duration::from_secs(20);
@@ -29,9 +29,7 @@ const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
 const STREAMS_A_CONNECTION: u32 = 1024;
 
 /// Serves `routes` until a signal, then drains.
-pub(crate) async fn serve(
-    name: &'static str,
-    offers: Option<&[&str]>,
+pub(crate) async fn serve<S: Service>(
     config: ServerConfig,
     routes: Routes,
     credentials: Option<Credentials>,
@@ -39,7 +37,8 @@ pub(crate) async fn serve(
     drain: DrainSource,
     until_stdin_closes: bool,
 ) -> Result<(), BoxError> {
-    let services = match offers {
+    let name = S::NAME;
+    let services = match S::OFFERS {
         Some(offers) => offers.iter().map(|&service| service.to_owned()).collect(),
         None => reflection::services_of(name)?,
     };

@@ -21,6 +21,7 @@ impl Campaign<'_> {
     pub(super) async fn follow(&mut self, procedure_id: &str) -> Result<Halt> {
         let request = WatchProcedureRequest {
             procedure_id: procedure_id.to_owned(),
+            ..WatchProcedureRequest::default()
         };
         let mut states = match self.world.procedures()?.watch_procedure(request).await {
             Ok(states) => states.into_inner(),

@@ -40,7 +40,15 @@ pub async fn run(arguments: &CalibrateCell, output: &Output) -> Result<(), Failu
         }
     };
     let time_scale = arguments.cell.time_scale;
-    let mut cell = Cell::start(&scenario, &folder, time_scale, Ports::Free, None, output).await?;
+    let mut cell = Box::pin(Cell::start(
+        &scenario,
+        &folder,
+        time_scale,
+        Ports::Free,
+        None,
+        output,
+    ))
+    .await?;
     let urls = cell.urls();
     let drawn = scenario.system_view();
     let outcome = tokio::select! {

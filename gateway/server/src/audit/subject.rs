@@ -185,8 +185,10 @@ impl Meaning {
     }
 }
 
-/// The next field: its number, its bytes if it has a length, and what follows.
-fn next_field(bytes: &[u8]) -> Option<(u32, Option<&[u8]>, &[u8])> {
+/// A field of a message: its number, its bytes if it has a length, and what follows.
+type OnTheWire<'a> = (u32, Option<&'a [u8]>, &'a [u8]);
+
+fn next_field(bytes: &[u8]) -> Option<OnTheWire<'_>> {
     let (tag, rest) = varint(bytes)?;
     let number = u32::try_from(tag >> 3).ok()?;
     match tag & 7 {
@@ -234,7 +236,6 @@ mod tests {
             case_id: "c1".to_owned(),
             plan_digest: digest.to_string(),
             surgeon: "Dr. Adams".to_owned(),
-            ..Default::default()
         };
         let requests = Requests::of_the_contract();
         let path = "/arthro.gateway.v1.CaseService/ApprovePlan";

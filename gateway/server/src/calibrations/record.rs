@@ -41,6 +41,10 @@ pub struct Calibration {
 }
 
 /// What a calibration measured.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a few exist at a time, and half of them are the large one"
+)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Measured {
     /// The camera in the forceps arm's base.

@@ -61,7 +61,7 @@ pub async fn append(
             .execute(&mut *transaction)
             .await?;
     }
-    let links = link(tail(&mut *transaction).await?);
+    let links = link(tail(&mut transaction).await?);
     for link in &links {
         let entry = &link.entry;
         sqlx::query(INSERT)
