@@ -131,7 +131,7 @@ impl Requests {
         let Some(fields) = self.messages.get(message) else {
             return;
         };
-        while let Some((number, value, rest)) = next_field(bytes) {
+        while let Some(((number, value), rest)) = next_field(bytes) {
             bytes = rest;
             let Some(value) = value else {
                 continue;
@@ -185,19 +185,22 @@ impl Meaning {
     }
 }
 
-/// The next field: its number, its bytes if it has a length, and what follows.
-fn next_field(bytes: &[u8]) -> Option<(u32, Option<&[u8]>, &[u8])> {
+/// A field's number, and its bytes if it has a length.
+type FieldBytes<'a> = (u32, Option<&'a [u8]>);
+
+/// The next field, and what follows it.
+fn next_field(bytes: &[u8]) -> Option<(FieldBytes<'_>, &[u8])> {
     let (tag, rest) = varint(bytes)?;
     let number = u32::try_from(tag >> 3).ok()?;
     match tag & 7 {
-        0 => Some((number, None, varint(rest)?.1)),
-        1 => Some((number, None, rest.get(8..)?)),
+        0 => Some(((number, None), varint(rest)?.1)),
+        1 => Some(((number, None), rest.get(8..)?)),
         2 => {
             let (length, rest) = varint(rest)?;
             let (value, rest) = rest.split_at_checked(usize::try_from(length).ok()?)?;
-            Some((number, Some(value), rest))
+            Some(((number, Some(value)), rest))
         }
-        5 => Some((number, None, rest.get(4..)?)),
+        5 => Some(((number, None), rest.get(4..)?)),
         _ => None,
     }
 }
@@ -234,7 +237,6 @@ mod tests {
             case_id: "c1".to_owned(),
             plan_digest: digest.to_string(),
             surgeon: "Dr. Adams".to_owned(),
-            ..Default::default()
         };
         let requests = Requests::of_the_contract();
         let path = "/arthro.gateway.v1.CaseService/ApprovePlan";

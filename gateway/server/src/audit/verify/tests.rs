@@ -59,8 +59,8 @@ fn entry(index: usize) -> Entry {
         method: "/arthro.gateway.v1.CaseService/ApprovePlan".to_owned(),
         case_id: format!("case {}", index / 10),
         procedure_id: format!("procedure {}", index / 20),
-        request: (index % 3 != 0).then(|| Digest::from_bytes([index as u8; 32])),
-        plan: (index % 4 != 0).then(|| Digest::from_bytes([7; 32])),
+        request: (!index.is_multiple_of(3)).then(|| Digest::from_bytes([index as u8; 32])),
+        plan: (!index.is_multiple_of(4)).then(|| Digest::from_bytes([7; 32])),
         answers: index as u64 / 2,
         code: "OK".to_owned(),
         reason: "NONE".to_owned(),
@@ -82,7 +82,7 @@ fn edit(link: &mut Link, column: usize, at: usize) {
         Digest::from_bytes(bytes)
     };
     let flip_optional = |digest: &Option<Digest>| match digest {
-        Some(digest) if at % 5 != 0 => Some(flip(digest)),
+        Some(digest) if !at.is_multiple_of(5) => Some(flip(digest)),
         Some(_) => None,
         None => Some(Digest::from_bytes([at as u8; 32])),
     };
