@@ -131,7 +131,7 @@ impl Requests {
         let Some(fields) = self.messages.get(message) else {
             return;
         };
-        while let Some((number, value, rest)) = next_field(bytes) {
+        while let Some(((number, value), rest)) = next_field(bytes) {
             bytes = rest;
             let Some(value) = value else {
                 continue;
@@ -185,21 +185,22 @@ impl Meaning {
     }
 }
 
-/// A field of a message: its number, its bytes if it has a length, and what follows.
-type OnTheWire<'a> = (u32, Option<&'a [u8]>, &'a [u8]);
+/// A field's number, and its bytes if it has a length.
+type FieldBytes<'a> = (u32, Option<&'a [u8]>);
 
-fn next_field(bytes: &[u8]) -> Option<OnTheWire<'_>> {
+/// The next field, and what follows it.
+fn next_field(bytes: &[u8]) -> Option<(FieldBytes<'_>, &[u8])> {
     let (tag, rest) = varint(bytes)?;
     let number = u32::try_from(tag >> 3).ok()?;
     match tag & 7 {
-        0 => Some((number, None, varint(rest)?.1)),
-        1 => Some((number, None, rest.get(8..)?)),
+        0 => Some(((number, None), varint(rest)?.1)),
+        1 => Some(((number, None), rest.get(8..)?)),
         2 => {
             let (length, rest) = varint(rest)?;
             let (value, rest) = rest.split_at_checked(usize::try_from(length).ok()?)?;
-            Some((number, Some(value), rest))
+            Some(((number, Some(value)), rest))
         }
-        5 => Some((number, None, rest.get(4..)?)),
+        5 => Some(((number, None), rest.get(4..)?)),
         _ => None,
     }
 }

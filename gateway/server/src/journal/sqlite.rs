@@ -77,6 +77,8 @@ pub async fn audit(path: &Path) -> Result<AuditFile, JournalError> {
         problem,
     };
     let address = address(path).map_err(&unusable)?;
+    // Again and again is the same as once.
+    sqlx::any::install_default_drivers();
     let pool = pool(1, &format!("{address}?mode=ro"), READER).await;
     pool.map(AuditFile::new)
         .map_err(|error| unusable(error.to_string()))

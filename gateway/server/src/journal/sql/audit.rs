@@ -2,7 +2,7 @@
 //! not fenced: a gateway that is not in command refuses and stops, and that is recorded too.
 
 use sqlx::any::AnyRow;
-use sqlx::{AnyConnection, AnyPool, Row as _};
+use sqlx::{AnyConnection, AnyPool, Connection as _, Row as _};
 
 use super::{Dialect, rows};
 use crate::approval::Digest;
@@ -55,13 +55,23 @@ pub async fn append(
     dialect: Dialect,
     link: &(dyn Fn(Tail) -> Vec<Link> + Sync),
 ) -> Result<(), JournalError> {
-    let mut transaction = pool.begin().await?;
-    if dialect == Dialect::Postgres {
-        sqlx::raw_sql(LOCK_IN_POSTGRES)
-            .execute(&mut *transaction)
-            .await?;
-    }
-    let links = link(tail(&mut transaction).await?);
+    let mut connection = pool.acquire().await?;
+    // On an SQLite file a transaction that read before it writes does not wait for its turn to write.
+    let known = match dialect {
+        Dialect::Sqlite => Some(tail(&mut connection).await?),
+        Dialect::Postgres => None,
+    };
+    let mut transaction = connection.begin().await?;
+    let end = match known {
+        Some(end) => end,
+        None => {
+            sqlx::raw_sql(LOCK_IN_POSTGRES)
+                .execute(&mut *transaction)
+                .await?;
+            tail(&mut transaction).await?
+        }
+    };
+    let links = link(end);
     for link in &links {
         let entry = &link.entry;
         sqlx::query(INSERT)
