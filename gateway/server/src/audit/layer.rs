@@ -9,6 +9,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
+use arthro_bootstrap::roles::{self, Rule};
 use arthro_bootstrap::{Caller, status};
 use http::{Request, Response};
 use tonic::body::Body;
@@ -187,13 +188,14 @@ impl<S: tonic::server::NamedService> tonic::server::NamedService for Audited<S> 
 
 impl Effect {
     fn of(path: &str) -> Self {
+        match Rule::of(path).map(|rule| rule.effect) {
+            Some(roles::Effect::Read) => return Self::Read,
+            Some(roles::Effect::Stop) => return Self::Halt(Kind::Stop),
+            Some(roles::Effect::Command) | None => {}
+        }
         let method = path.rsplit('/').next().unwrap_or_default();
         let starts_with = |words: &[&str]| words.iter().any(|word| method.starts_with(word));
-        if starts_with(&["Get", "List", "Watch"]) || path.contains(".AuditService/") {
-            Self::Read
-        } else if starts_with(&["Stop"]) {
-            Self::Halt(Kind::Stop)
-        } else if starts_with(&["Pause", "Abort"]) {
+        if starts_with(&["Pause", "Abort"]) {
             Self::Halt(Kind::Command)
         } else if starts_with(&[
             "Accept",

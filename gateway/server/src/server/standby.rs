@@ -4,6 +4,7 @@
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
+use arthro_bootstrap::roles::{Effect, Rule};
 use http::{Request, Response};
 use tokio::sync::watch;
 use tonic::server::NamedService;
@@ -11,11 +12,6 @@ use tower::{Layer, Service};
 
 use crate::error::Error;
 use crate::journal::{Duty, JournalError};
-
-/// Methods whose names begin so change nothing.
-const READ: [&str; 3] = ["Get", "List", "Watch"];
-/// Methods whose names begin so are served by every gateway that reaches the devices.
-const STOP: &str = "Stop";
 
 /// Lets through what this gateway may do on its duty.
 #[derive(Clone, Debug)]
@@ -78,8 +74,7 @@ impl<S: NamedService> NamedService for Guarded<S> {
 }
 
 fn is_served_on_standby(path: &str) -> bool {
-    let method = path.rsplit('/').next().unwrap_or_default();
-    method.starts_with(STOP) || READ.iter().any(|word| method.starts_with(word))
+    Rule::of(path).is_some_and(|rule| rule.effect != Effect::Command)
 }
 
 #[cfg(test)]
@@ -89,26 +84,26 @@ mod tests {
     #[test]
     fn a_standby_reads_and_stops_and_does_nothing_else() {
         for method in [
-            "GetCase",
-            "ListProcedures",
-            "WatchProcedure",
-            "StopProcedure",
-            "Stop",
+            "CaseService/GetCase",
+            "ProcedureService/ListProcedures",
+            "ProcedureService/WatchProcedure",
+            "ProcedureService/StopProcedure",
+            "AuditService/VerifyChain",
         ] {
             assert!(
-                is_served_on_standby(&format!("/arthro.gateway.v1.ProcedureService/{method}")),
+                is_served_on_standby(&format!("/arthro.gateway.v1.{method}")),
                 "{method}"
             );
         }
         for method in [
-            "StartProcedure",
-            "CreateCase",
-            "AbortProcedure",
-            "VerifyTarget",
-            "",
+            "ProcedureService/StartProcedure",
+            "ProcedureService/AbortProcedure",
+            "CaseService/CreateCase",
+            "CaseService/VerifyTarget",
+            "CaseService/GetWhatNobodyKnows",
         ] {
             assert!(
-                !is_served_on_standby(&format!("/arthro.gateway.v1.ProcedureService/{method}")),
+                !is_served_on_standby(&format!("/arthro.gateway.v1.{method}")),
                 "{method}"
             );
         }
