@@ -171,7 +171,7 @@ def check_replay(arthro, path, procedure, steps):
             time.sleep(0.05)
         assert len(json.loads(shown)["steps"]) == len(steps)
         refused = call(f"{service}/StopProcedure", {})[1]
-        assert '"reason": "REPLAY"' in refused, refused
+        assert '"REPLAY"' in refused, refused
     finally:
         process.stdin.close()
         process.wait(timeout=30)
