@@ -2,7 +2,7 @@
 //!
 //! A deadline that passes is answered DEADLINE_EXCEEDED, before the answer and in the middle of a
 //! stream, and drops the handler, so that its work stops. Over a limit a call is refused at once
-//! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: calls named `Stop…` pass.
+//! with RESOURCE_EXHAUSTED instead of waiting. Stopping is never refused: the stops of the table of roles pass.
 
 use std::net::SocketAddr;
 use std::pin::Pin;
@@ -21,6 +21,7 @@ use tower::{Layer, Service};
 
 use crate::host::{RefusedCall, Reports};
 use crate::identity::Caller;
+use crate::roles::{Effect, Rule};
 use crate::status;
 
 mod ending;
@@ -184,9 +185,7 @@ fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
 
 /// Stopping must get through when everything else is refused.
 fn is_stop(path: &str) -> bool {
-    path.rsplit('/')
-        .next()
-        .is_some_and(|method| method.starts_with("Stop"))
+    Rule::of(path).is_some_and(|rule| rule.effect == Effect::Stop)
 }
 
 fn too_many_calls(max_calls: usize) -> Status {

@@ -15,7 +15,7 @@ use std::sync::LazyLock;
 use crate::identity::Role;
 use crate::identity::Role::{Operator, Surgeon, Viewer};
 
-use Effect::{Command, Read, Stop};
+use Effect::{Command, Decision, Halt, Read, Stop};
 use Services::{May, MayNot};
 
 /// What a method does to the world.
@@ -25,6 +25,10 @@ pub enum Effect {
     Read,
     /// A record, a setting or a device changes.
     Command,
+    /// The same, on a person's judgement of a registration, a plan or the cell.
+    Decision,
+    /// A procedure ceases to go on as it went. It waits for no record.
+    Halt,
     /// Something that moves is halted. Open to every role.
     Stop,
 }
@@ -60,13 +64,13 @@ pub const RULES: &[Rule] = &[
     rule("arthro.gateway.v1.CaseService/UploadModel", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CaseService/UploadScene", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CaseService/RegisterCase", Operator, MayNot, Command),
-    rule("arthro.gateway.v1.CaseService/AcceptRegistration", Operator, MayNot, Command),
+    rule("arthro.gateway.v1.CaseService/AcceptRegistration", Operator, MayNot, Decision),
     rule("arthro.gateway.v1.CaseService/PlanCase", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CaseService/RevisePlan", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CaseService/VerifyTarget", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CaseService/RemoveTouch", Operator, MayNot, Command),
-    rule("arthro.gateway.v1.CaseService/ApprovePlan", Surgeon, MayNot, Command),
-    rule("arthro.gateway.v1.CaseService/CountersignPlan", Operator, MayNot, Command),
+    rule("arthro.gateway.v1.CaseService/ApprovePlan", Surgeon, MayNot, Decision),
+    rule("arthro.gateway.v1.CaseService/CountersignPlan", Operator, MayNot, Decision),
     rule("arthro.gateway.v1.CalibrationService/SaveCalibration", Operator, MayNot, Command),
     rule("arthro.gateway.v1.CalibrationService/ListCalibrations", Viewer, MayNot, Read),
     rule("arthro.gateway.v1.CalibrationService/GetCalibration", Viewer, MayNot, Read),
@@ -77,12 +81,12 @@ pub const RULES: &[Rule] = &[
     rule("arthro.gateway.v1.AuditService/ExportEntries", Viewer, MayNot, Read),
     rule("arthro.gateway.v1.AuditService/GetHead", Viewer, MayNot, Read),
     rule("arthro.gateway.v1.RecordingService/GetRecorder", Viewer, MayNot, Read),
-    rule("arthro.gateway.v1.ProcedureService/StartProcedure", Operator, MayNot, Command),
-    rule("arthro.gateway.v1.ProcedureService/PauseProcedure", Operator, MayNot, Command),
-    rule("arthro.gateway.v1.ProcedureService/ResumeProcedure", Operator, MayNot, Command),
-    rule("arthro.gateway.v1.ProcedureService/AbortProcedure", Operator, MayNot, Command),
+    rule("arthro.gateway.v1.ProcedureService/StartProcedure", Operator, MayNot, Decision),
+    rule("arthro.gateway.v1.ProcedureService/PauseProcedure", Operator, MayNot, Halt),
+    rule("arthro.gateway.v1.ProcedureService/ResumeProcedure", Operator, MayNot, Decision),
+    rule("arthro.gateway.v1.ProcedureService/AbortProcedure", Operator, MayNot, Halt),
     rule("arthro.gateway.v1.ProcedureService/StopProcedure", Viewer, May, Stop),
-    rule("arthro.gateway.v1.ProcedureService/RecoverProcedure", Operator, MayNot, Command),
+    rule("arthro.gateway.v1.ProcedureService/RecoverProcedure", Operator, MayNot, Decision),
     rule("arthro.gateway.v1.ProcedureService/GetRecovery", Viewer, MayNot, Read),
     rule("arthro.gateway.v1.ProcedureService/GetProcedure", Viewer, MayNot, Read),
     rule("arthro.gateway.v1.ProcedureService/WatchProcedure", Viewer, MayNot, Read),
@@ -191,11 +195,21 @@ impl Rule {
 // === impl Effect ===
 
 impl Effect {
+    /// Whether the world is otherwise afterwards, but for what a stop halts.
+    pub const fn changes(self) -> bool {
+        match self {
+            Self::Read | Self::Stop => false,
+            Self::Command | Self::Decision | Self::Halt => true,
+        }
+    }
+
     /// The word in docs.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
             Self::Command => "command",
+            Self::Decision => "decision",
+            Self::Halt => "halt",
             Self::Stop => "stop",
         }
     }

@@ -189,25 +189,11 @@ impl<S: tonic::server::NamedService> tonic::server::NamedService for Audited<S> 
 impl Effect {
     fn of(path: &str) -> Self {
         match Rule::of(path).map(|rule| rule.effect) {
-            Some(roles::Effect::Read) => return Self::Read,
-            Some(roles::Effect::Stop) => return Self::Halt(Kind::Stop),
-            Some(roles::Effect::Command) | None => {}
-        }
-        let method = path.rsplit('/').next().unwrap_or_default();
-        let starts_with = |words: &[&str]| words.iter().any(|word| method.starts_with(word));
-        if starts_with(&["Pause", "Abort"]) {
-            Self::Halt(Kind::Command)
-        } else if starts_with(&[
-            "Accept",
-            "Approve",
-            "Countersign",
-            "Recover",
-            "Resume",
-            "Start",
-        ]) {
-            Self::Change(Kind::Decision)
-        } else {
-            Self::Change(Kind::Command)
+            Some(roles::Effect::Read) => Self::Read,
+            Some(roles::Effect::Stop) => Self::Halt(Kind::Stop),
+            Some(roles::Effect::Halt) => Self::Halt(Kind::Command),
+            Some(roles::Effect::Decision) => Self::Change(Kind::Decision),
+            Some(roles::Effect::Command) | None => Self::Change(Kind::Command),
         }
     }
 }

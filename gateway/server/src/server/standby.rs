@@ -4,7 +4,7 @@
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-use arthro_bootstrap::roles::{Effect, Rule};
+use arthro_bootstrap::roles::Rule;
 use http::{Request, Response};
 use tokio::sync::watch;
 use tonic::server::NamedService;
@@ -74,7 +74,7 @@ impl<S: NamedService> NamedService for Guarded<S> {
 }
 
 fn is_served_on_standby(path: &str) -> bool {
-    Rule::of(path).is_some_and(|rule| rule.effect != Effect::Command)
+    Rule::of(path).is_some_and(|rule| !rule.effect.changes())
 }
 
 #[cfg(test)]

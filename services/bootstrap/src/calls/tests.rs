@@ -6,7 +6,7 @@ use tower::{ServiceExt as _, service_fn};
 use super::*;
 
 const PATH: &str = "/arthro.test.v1.TestService/Work";
-const STOP: &str = "/arthro.test.v1.TestService/Stop";
+const STOP: &str = "/arthro.motion.v1.MotionService/Stop";
 
 fn request(path: &str, timeout: Option<&str>) -> Request<Body> {
     let mut request = Request::builder().uri(path);
@@ -84,9 +84,10 @@ fn a_malformed_timeout_header_is_ignored() {
 }
 
 #[test]
-fn only_methods_named_stop_pass_the_limit() {
+fn only_the_stops_of_the_table_pass_the_limit() {
     assert!(is_stop(STOP));
     assert!(is_stop("/arthro.gateway.v1.ProcedureService/StopProcedure"));
+    assert!(!is_stop("/arthro.test.v1.TestService/StopNothing"));
     assert!(!is_stop(PATH));
 }
 

@@ -179,7 +179,7 @@ where
             extensions.insert(peer.clone());
         }
         let effect = passed.rule.map(|rule| rule.effect);
-        if effect == Some(Effect::Command) {
+        if effect.is_some_and(Effect::changes) {
             self.guard.stops.commanded();
         }
         let Some(holder) = passed.certified.clone() else {
