@@ -1,3 +1,5 @@
+use std::io;
+
 use tempfile::TempDir;
 
 use super::*;
@@ -144,13 +146,8 @@ fn a_full_folder_ends_the_recording_with_an_alarm_and_deletes_nothing() {
 #[test]
 fn a_full_disk_is_told_in_the_file_and_the_next_procedure_is_recorded_again() {
     let folder = tempfile::tempdir().unwrap();
-    let mut writer = Writer {
-        settings: settings(&folder),
-        state: watch::Sender::default(),
-        about: Some(about("one")),
-        open: None,
-        context: BTreeMap::new(),
-    };
+    let mut writer = Writer::new(settings(&folder), watch::Sender::default());
+    writer.about = Some(about("one"));
     writer.attempt(|this| this.begin());
     writer.attempt(|_| Err(io::Error::from(io::ErrorKind::StorageFull).into()));
     let state = writer.state.borrow().clone();
