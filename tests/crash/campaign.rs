@@ -6,12 +6,16 @@ mod rest;
 
 use std::collections::BTreeMap;
 
+use arthro_bootstrap::status::reason;
+use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
-    GetReportRequest, GetReportResponse, Procedure, ProcedureState, StartProcedureRequest, StepKind,
+    GetReportRequest, GetReportResponse, ListProceduresRequest, Procedure, ProcedureState,
+    StartProcedureRequest, StepKind,
 };
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use tonic::Status;
+use tonic::transport::Channel;
 
 use crate::Result;
 use crate::books::Books;
@@ -150,6 +154,10 @@ impl Campaign<'_> {
                 Halt::Over => break,
                 Halt::Interrupted(procedure) => {
                     setbacks += 1;
+                    eprintln!(
+                        "{}: to be decided again: {}: {}, after {}",
+                        self.name, procedure.reason, procedure.detail, self.last_blow
+                    );
                     *self.tally.setbacks.entry(procedure.reason).or_default() += 1;
                     if setbacks > DECISIONS {
                         return Err(format!("stuck after: {}", procedure.detail).into());
@@ -238,7 +246,7 @@ impl Campaign<'_> {
     /// A procedure under way: a new one, or the one that a gateway began as it died.
     async fn started(&mut self) -> Result<String> {
         loop {
-            if let Some(newest) = self.world.newest_procedure().await?
+            if let Some(newest) = self.newest_procedure().await?
                 && !matches!(
                     newest.state(),
                     ProcedureState::Completed | ProcedureState::Aborted
@@ -261,7 +269,8 @@ impl Campaign<'_> {
                     self.tally
                         .blow(at.call.name(), "start", Outcome::Interrupted);
                 }
-                Err(status) if status.message().contains("holds the lease") => {
+                // What the dead gateway held when it died.
+                Err(status) if reason(&status).as_deref() == Some("LEASE_HELD") => {
                     self.world.leases_gone().await?;
                 }
                 Err(status) => return Err(status.into()),
@@ -269,16 +278,50 @@ impl Campaign<'_> {
         }
     }
 
-    async fn report(&self, procedure_id: &str) -> Result<GetReportResponse> {
+    async fn report(&mut self, procedure_id: &str) -> Result<GetReportResponse> {
         let request = GetReportRequest {
             procedure_id: procedure_id.to_owned(),
         };
-        Ok(self
-            .world
-            .procedures()?
-            .get_report(request)
-            .await?
-            .into_inner())
+        self.asked(|mut procedures| {
+            let request = request.clone();
+            async move { procedures.get_report(request).await }
+        })
+        .await
+    }
+
+    async fn newest_procedure(&mut self) -> Result<Option<Procedure>> {
+        let request = ListProceduresRequest {
+            page_size: 1,
+            ..ListProceduresRequest::default()
+        };
+        let listed = self
+            .asked(|mut procedures| {
+                let request = request.clone();
+                async move { procedures.list_procedures(request).await }
+            })
+            .await?;
+        Ok(listed.procedures.into_iter().next())
+    }
+
+    /// Asks the gateway. One that dies meanwhile at the write it was told to die at is buried, and the next is asked.
+    async fn asked<T, Asking>(
+        &mut self,
+        ask: impl Fn(ProcedureServiceClient<Channel>) -> Asking,
+    ) -> Result<T>
+    where
+        Asking: Future<Output = std::result::Result<tonic::Response<T>, Status>>,
+    {
+        loop {
+            match ask(self.world.procedures()?).await {
+                Ok(answer) => return Ok(answer.into_inner()),
+                Err(status) if is_gone(&status) && self.awaited.is_some() => {
+                    let at = self.buried().await?;
+                    self.tally
+                        .blow(at.call.name(), "at rest", Outcome::Interrupted);
+                }
+                Err(status) => return Err(status.into()),
+            }
+        }
     }
 }
 

@@ -19,7 +19,7 @@ use clap::Parser;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::strike::{Extent, Schedule};
+use crate::strike::{Extent, Schedule, Victim};
 use crate::tally::Tally;
 
 /// What breaks down the campaign itself.
@@ -40,6 +40,19 @@ struct Arguments {
     /// Only this share of the blows: `0/4` is the first of four, so that machines can share the work.
     #[arg(long, value_parser = shard, default_value = "0/1")]
     shard: (usize, usize),
+    /// Strikes nothing else: `gateway`, `instrument`, `arm links`...
+    #[arg(long, value_parser = victim)]
+    only: Option<Victim>,
+}
+
+fn victim(name: &str) -> std::result::Result<Victim, String> {
+    let named = Victim::ALL.into_iter().find(|victim| victim.name() == name);
+    named.ok_or_else(|| {
+        format!(
+            "must be one of {}",
+            Victim::ALL.map(Victim::name).join(", ")
+        )
+    })
 }
 
 fn shard(text: &str) -> std::result::Result<(usize, usize), String> {
@@ -63,7 +76,11 @@ async fn main() -> ExitCode {
     };
     let mut rng = ChaCha8Rng::seed_from_u64(arguments.seed);
     let (part, of) = arguments.shard;
-    let schedule = Schedule::new(extent, &mut rng).part(part, of);
+    let mut schedule = Schedule::new(extent, &mut rng);
+    if let Some(only) = arguments.only {
+        schedule.keep_only(only);
+    }
+    let schedule = schedule.part(part, of);
     let cells = arguments.cells.max(1);
     let campaigns: Vec<_> = (0..cells)
         .map(|cell| {

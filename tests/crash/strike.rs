@@ -93,6 +93,16 @@ const SYNCS: u32 = 50;
 const WRITES: u32 = 300;
 
 impl Victim {
+    pub const ALL: [Self; 7] = [
+        Self::Gateway,
+        Self::Registration,
+        Self::Planning,
+        Self::Motion,
+        Self::Instrument,
+        Self::ArmLinks,
+        Self::CanBus,
+    ];
+
     pub fn name(self) -> &'static str {
         match self {
             Self::Gateway => "gateway",
@@ -220,6 +230,14 @@ impl Schedule {
         writes.extend((0..8).map(|_| rng.random_range(9..=WRITES / 2)).map(write));
         writes.sort_by_key(|at| at.number);
         Self { steps, writes }
+    }
+
+    /// Leaves out what strikes others. Whoever dies at a write is the gateway.
+    pub fn keep_only(&mut self, victim: Victim) {
+        self.steps.retain(|at| at.victim == victim);
+        if victim != Victim::Gateway {
+            self.writes.clear();
+        }
     }
 
     /// Every `of`th blow, from the `part`th on.

@@ -7,8 +7,7 @@ use std::time::Duration;
 use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
-    ApprovePlanRequest, GetCaseRequest, ListProceduresRequest, PlanCaseRequest, Procedure,
-    RegisterCaseRequest, RevisePlanRequest,
+    ApprovePlanRequest, GetCaseRequest, PlanCaseRequest, RegisterCaseRequest, RevisePlanRequest,
 };
 use arthro_proto::instrument::v1 as instrument;
 use arthro_proto::instrument::v1::instrument_service_client::InstrumentServiceClient;
@@ -194,12 +193,6 @@ impl World {
         };
         cases.approve_plan(request).await?;
         Ok(())
-    }
-
-    pub async fn newest_procedure(&self) -> Result<Option<Procedure>> {
-        let mut procedures = self.procedures()?;
-        let listed = procedures.list_procedures(ListProceduresRequest {}).await?;
-        Ok(listed.into_inner().procedures.into_iter().next())
     }
 }
 

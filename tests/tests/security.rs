@@ -109,7 +109,10 @@ fn credentials(site: &Path, holder: &str) -> Credentials {
 
 async fn lists_cases(channel: Channel) -> Result<(), tonic::Status> {
     let mut cases = CaseServiceClient::new(channel);
-    cases.list_cases(ListCasesRequest {}).await.map(drop)
+    cases
+        .list_cases(ListCasesRequest::default())
+        .await
+        .map(drop)
 }
 
 #[tokio::test]

@@ -6,10 +6,9 @@ use arthro_geometry::ply::{self, Space, Stated, Unit};
 use arthro_geometry::{Cloud, Point3};
 use arthro_proto::common::v1::{Box as TargetBox, Point};
 use arthro_proto::gateway::v1::{
-    AbortProcedureRequest, GetRecoveryRequest, ListCasesRequest, PauseProcedureRequest,
-    PlanCaseRequest, Procedure, RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest,
-    RemoveTouchRequest, ResumeProcedureRequest, StopProcedureRequest, VerifyTargetRequest,
-    ViewPlanning,
+    AbortProcedureRequest, GetRecoveryRequest, PauseProcedureRequest, PlanCaseRequest, Procedure,
+    RecoverProcedureRequest, RecoveryAction, RegisterCaseRequest, RemoveTouchRequest,
+    ResumeProcedureRequest, StopProcedureRequest, VerifyTargetRequest, ViewPlanning,
 };
 use arthro_proto::planning::v1::Planner;
 use serde_json::json;
@@ -168,8 +167,7 @@ async fn run_case(case: Case, gateway: &mut Gateway, output: &Output) -> Result<
             output.result(&show::case(&case));
         }
         Case::List => {
-            let listed = gateway.cases.list_cases(ListCasesRequest {}).await?;
-            let cases = listed.into_inner().cases;
+            let cases = gateway.all_cases().await?;
             for case in &cases {
                 output.line(format!(
                     "{}  {:<10}  {}",

@@ -8,8 +8,8 @@ use arthro_proto::gateway::v1::case_service_client::CaseServiceClient;
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{
     AcceptRegistrationRequest, ApprovePlanRequest, BegunAnew, Case, CountersignPlanRequest,
-    CreateCaseRequest, GetCaseRequest, GetCaseResponse, ListProceduresRequest, ModelHeader,
-    PlanCaseRequest, Procedure, ProcedureState, RegisterCaseRequest, SceneHeader,
+    CreateCaseRequest, GetCaseRequest, GetCaseResponse, ListCasesRequest, ListProceduresRequest,
+    ModelHeader, PlanCaseRequest, Procedure, ProcedureState, RegisterCaseRequest, SceneHeader,
     StartProcedureRequest, UploadModelRequest, UploadSceneRequest, UploadSceneResponse,
     WatchProcedureRequest, scene_header, upload_model_request, upload_scene_request,
 };
@@ -304,12 +304,32 @@ impl Gateway {
         last.ok_or_else(missing("procedure"))
     }
 
+    /// All cases, newest first.
+    pub async fn all_cases(&mut self) -> Result<Vec<Case>, Failure> {
+        let mut cases = Vec::new();
+        let mut request = ListCasesRequest {
+            page_size: 1000,
+            ..ListCasesRequest::default()
+        };
+        loop {
+            let page = self.cases.list_cases(request.clone()).await?.into_inner();
+            cases.extend(page.cases);
+            if page.next_page_token.is_empty() {
+                return Ok(cases);
+            }
+            request.page_token = page.next_page_token;
+        }
+    }
+
     /// `given`, or the newest procedure's id.
     pub async fn procedure_id(&mut self, given: Option<String>) -> Result<String, Failure> {
         if let Some(id) = given {
             return Ok(id);
         }
-        let listed = self.procedures.list_procedures(ListProceduresRequest {});
+        let listed = self.procedures.list_procedures(ListProceduresRequest {
+            page_size: 1,
+            ..ListProceduresRequest::default()
+        });
         let newest = listed.await?.into_inner().procedures.into_iter().next();
         newest
             .map(|procedure| procedure.procedure_id)

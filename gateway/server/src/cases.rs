@@ -22,7 +22,7 @@ use crate::cases::case::{Acceptance, Case, ModelInfo, Plan, Registration, SceneI
 use crate::clients::planning::PackedModel;
 use crate::config::Cell;
 use crate::error::{Error, Result};
-use crate::journal::{Blob, Journal};
+use crate::journal::{Blob, Journal, Page};
 use crate::verification::{Finding, Limits, TOUCHES_MAX, Touch, Verdict, Verification};
 use crate::wall_clock::now_ms;
 
@@ -88,9 +88,14 @@ impl Cases {
         Ok(case)
     }
 
-    /// All cases, newest first.
-    pub async fn list(&self) -> Result<Vec<Case>> {
-        Ok(self.journal.cases().await?)
+    /// Cases, newest first.
+    pub async fn list(&self, page: &Page) -> Result<Vec<Case>> {
+        if let Some(case_id) = &page.after
+            && self.journal.case(case_id).await?.is_none()
+        {
+            return Err(Error::page_token(case_id));
+        }
+        Ok(self.journal.cases(page).await?)
     }
 
     /// One case.

@@ -293,6 +293,13 @@ impl Error {
         Self::Invalid(vec![Violation::new(field, description)])
     }
 
+    /// A list cannot go on after `token`.
+    pub fn page_token(token: &str) -> Self {
+        let description =
+            format!("is \"{token}\"; must be the next_page_token of an answer, or empty");
+        Self::invalid("page_token", description)
+    }
+
     /// The stable word of a refusal.
     pub fn reason(&self) -> &str {
         match self {

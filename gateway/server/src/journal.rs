@@ -38,6 +38,15 @@ pub async fn open(place: &Place, name: &str) -> Result<Arc<dyn Journal>, Journal
     })
 }
 
+/// A part of a list that begins with the newest.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Page {
+    /// Begins after the one of this id; with the newest if unset. After an id that is not there, there is nothing.
+    pub after: Option<String>,
+    /// At most so many.
+    pub limit: u32,
+}
+
 /// The durable store of the gateway.
 #[tonic::async_trait]
 pub trait Journal: Send + Sync + 'static {
@@ -52,8 +61,8 @@ pub trait Journal: Send + Sync + 'static {
     async fn save_case(&self, case: &Case, blobs: &[(Blob, Bytes)]) -> Result<(), JournalError>;
     /// One case without its blobs.
     async fn case(&self, case_id: &str) -> Result<Option<Case>, JournalError>;
-    /// All cases without their blobs, newest first.
-    async fn cases(&self) -> Result<Vec<Case>, JournalError>;
+    /// Cases without their blobs, newest first.
+    async fn cases(&self, page: &Page) -> Result<Vec<Case>, JournalError>;
     /// One blob of a case; empty if it was never written.
     async fn blob(&self, case_id: &str, blob: Blob) -> Result<Bytes, JournalError>;
 
@@ -66,8 +75,8 @@ pub trait Journal: Send + Sync + 'static {
     async fn claim_open(&self) -> Result<Vec<Procedure>, JournalError>;
     /// One procedure with its latest step.
     async fn procedure(&self, procedure_id: &str) -> Result<Option<Procedure>, JournalError>;
-    /// All procedures with their latest steps, newest first.
-    async fn procedures(&self) -> Result<Vec<Procedure>, JournalError>;
+    /// Procedures with their latest steps, newest first.
+    async fn procedures(&self, page: &Page) -> Result<Vec<Procedure>, JournalError>;
 
     /// Writes that a step is about to be commanded.
     async fn intend(&self, procedure_id: &str, step: &Step) -> Result<(), JournalError>;

@@ -3,6 +3,7 @@
 mod audit;
 mod calibration;
 mod case;
+mod paging;
 pub(crate) mod procedure;
 mod recording;
 mod standby;
@@ -88,13 +89,6 @@ fn text(field: &str, value: String, longest: usize) -> Result<String, Violation>
 /// An id that names something.
 fn id(field: &str, value: String) -> Result<String, Violation> {
     text(field, value, 100)
-}
-
-/// Who acts, where a request states it in `field`: the certificate's name, or without one whoever is stated.
-fn acting(caller: &Caller, field: &str, stated: String) -> Result<String, Violation> {
-    let name = caller.acting(stated);
-    let name = name.map_err(|other| Violation::new(field, other.to_string()))?;
-    text(field, name, 100)
 }
 
 /// Gathers all violations of a request.

@@ -27,8 +27,8 @@ pub struct Axes {
     pub faults: Vec<(&'static str, Fault)>,
     /// The jaw.
     pub jaw: Jaw,
-    /// Where the forceps' rotation stands, deg.
-    pub forceps_rotation_deg: f64,
+    /// Where the forceps' rotation stands, deg; unset until its drive was read.
+    forceps_rotation_deg: Option<f64>,
 }
 
 words! {
@@ -71,13 +71,19 @@ impl Axes {
             unreferenced: Vec::new(),
             faults,
             jaw,
-            forceps_rotation_deg: 0.0,
+            forceps_rotation_deg: Some(0.0),
         }
     }
 
     /// Whether all axes have their reference.
     pub fn referenced(&self) -> bool {
         self.unreferenced.is_empty()
+    }
+
+    /// Where the forceps' rotation stands, deg.
+    pub fn forceps_rotation_deg(&self) -> Result<f64, Failure> {
+        self.forceps_rotation_deg
+            .ok_or_else(|| Failure::unusable(PEER, "forceps_rotation was not read yet"))
     }
 
     /// The words of the axes without a reference.
@@ -100,8 +106,7 @@ impl Instrument {
             .axes
             .iter()
             .find(|axis| axis.axis() == proto::Axis::ForcepsRotation)
-            .and_then(|axis| angle_deg(axis.position))
-            .ok_or_else(|| Failure::unusable(PEER, "the state lacks forceps_rotation"))?;
+            .and_then(|axis| angle_deg(axis.position));
         Ok(Axes {
             unreferenced: state
                 .axes

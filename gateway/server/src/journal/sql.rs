@@ -18,7 +18,7 @@ use bytes::Bytes;
 use sqlx::{Any, AnyPool, Transaction};
 use tokio::sync::{Mutex, watch};
 
-use super::{AuditFilter, AuditRow, Blob, Duty, Journal, JournalError};
+use super::{AuditFilter, AuditRow, Blob, Duty, Journal, JournalError, Page};
 use crate::approval::Digest;
 use crate::audit::entry::{Link, Tail};
 use crate::calibrations::record::{Calibration, Kind, Revocation};
@@ -136,8 +136,8 @@ impl Journal for SqlJournal {
         cases::one(&self.readers, case_id).await
     }
 
-    async fn cases(&self) -> Result<Vec<Case>, JournalError> {
-        cases::all(&self.readers).await
+    async fn cases(&self, page: &Page) -> Result<Vec<Case>, JournalError> {
+        cases::page(&self.readers, page).await
     }
 
     async fn blob(&self, case_id: &str, blob: Blob) -> Result<Bytes, JournalError> {
@@ -171,8 +171,8 @@ impl Journal for SqlJournal {
         procedures::one(&self.readers, procedure_id).await
     }
 
-    async fn procedures(&self) -> Result<Vec<Procedure>, JournalError> {
-        procedures::all(&self.readers).await
+    async fn procedures(&self, page: &Page) -> Result<Vec<Procedure>, JournalError> {
+        procedures::page(&self.readers, page).await
     }
 
     async fn intend(&self, procedure_id: &str, step: &Step) -> Result<(), JournalError> {

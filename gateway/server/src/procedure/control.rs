@@ -18,7 +18,7 @@ use crate::cases::Cases;
 use crate::clients::{Acted, Clients};
 use crate::config::Rules;
 use crate::error::{Error, Result};
-use crate::journal::{Duty, Journal};
+use crate::journal::{Duty, Journal, Page};
 use crate::procedure::machine::Event;
 use crate::procedure::perform::Performer;
 use crate::procedure::recovery::Decision;
@@ -204,9 +204,14 @@ impl Procedures {
         }
     }
 
-    /// All procedures, newest first.
-    pub async fn list(&self) -> Result<Vec<Procedure>> {
-        let mut procedures = self.0.journal.procedures().await?;
+    /// Procedures, newest first.
+    pub async fn list(&self, page: &Page) -> Result<Vec<Procedure>> {
+        if let Some(procedure_id) = &page.after
+            && self.0.journal.procedure(procedure_id).await?.is_none()
+        {
+            return Err(Error::page_token(procedure_id));
+        }
+        let mut procedures = self.0.journal.procedures(page).await?;
         if let Some(open) = self.latest() {
             for procedure in &mut procedures {
                 if procedure.id == open.id {

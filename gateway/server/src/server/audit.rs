@@ -6,17 +6,13 @@ use tokio::sync::mpsc;
 use tonic::{Request, Response, Status};
 
 use super::case::streamed;
-use super::{Answers, refuse};
+use super::{Answers, paging, refuse};
 use crate::audit::entry::{Kind, Link};
 use crate::audit::read::{JournalCheck, Pages, Verdict};
 use crate::audit::verify::{Defect, Fault, Head};
 use crate::audit::{Audit, heads, lines};
-use crate::error::{Error, Result as DomainResult, Violation};
+use crate::error::{Error, Result as DomainResult};
 use crate::journal::AuditFilter;
-
-/// Entries of a page.
-const PAGE_DEFAULT: u32 = 100;
-const PAGE_MOST: u32 = 1000;
 
 /// Serves the audit.
 #[derive(Clone)]
@@ -35,7 +31,7 @@ impl AuditService for AuditApi {
         request: Request<proto::ListEntriesRequest>,
     ) -> Result<Response<proto::ListEntriesResponse>, Status> {
         let request = request.into_inner();
-        let page = page_size(request.page_size).map_err(refuse)?;
+        let page = paging::size(request.page_size).map_err(refuse)?;
         let filter = filter(request);
         let mut rows = self
             .0
@@ -212,17 +208,6 @@ impl AuditApi {
 }
 
 // === reading ===
-
-fn page_size(asked: u32) -> Result<u32, Violation> {
-    match asked {
-        0 => Ok(PAGE_DEFAULT),
-        1..=PAGE_MOST => Ok(asked),
-        _ => Err(Violation::new(
-            "page_size",
-            format!("is {asked}; must be within 1 .. {PAGE_MOST}, or 0 for {PAGE_DEFAULT}"),
-        )),
-    }
-}
 
 fn filter(request: proto::ListEntriesRequest) -> AuditFilter {
     let all = AuditFilter::default();

@@ -9,7 +9,7 @@ use arthro_proto::registration::v1 as registration;
 use prost::Message as _;
 use tonic::{Request, Response, Status};
 
-use super::{Violations, acting, id, refuse, text};
+use super::{Violations, id, person, refuse, text};
 use crate::approval;
 use crate::calibrations::record::{Calibration, How, Kind, Measured};
 use crate::calibrations::{Calibrations, Listed, New};
@@ -48,7 +48,7 @@ impl CalibrationApi {
         request: proto::ActivateCalibrationRequest,
     ) -> DomainResult<Listed> {
         let calibration_id = id("calibration_id", request.calibration_id)?;
-        let operator = acting(caller, "operator", request.operator)?;
+        let operator = person(caller, "operator", request.operator)?;
         if Kind::of_configured(&calibration_id).is_none() {
             let calibration = self.calibrations.saved(&calibration_id).await?;
             calibration.usable(now_ms())?;
@@ -140,7 +140,7 @@ impl CalibrationService for CalibrationApi {
         let request = request.into_inner();
         let mut violations = Violations::default();
         let calibration_id = violations.check(id("calibration_id", request.calibration_id));
-        let operator = violations.check(acting(&caller, "operator", request.operator));
+        let operator = violations.check(person(&caller, "operator", request.operator));
         let because = violations.check(text("because", request.because, 200));
         violations.finish().map_err(refuse)?;
         let (Some(calibration_id), Some(operator), Some(because)) =
@@ -163,7 +163,7 @@ impl CalibrationService for CalibrationApi {
 fn new(caller: &Caller, request: proto::SaveCalibrationRequest) -> DomainResult<New> {
     let mut violations = Violations::default();
     let label = violations.check(text("label", request.label, 200));
-    let saved_by = violations.check(acting(caller, "operator", request.operator));
+    let saved_by = violations.check(person(caller, "operator", request.operator));
     let valid_for_s = violations.check(valid_for_s(request.valid_for_s));
     let result =
         violations.check(match request.result {

@@ -17,7 +17,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::procedure::digest;
-use super::{Answers, id, person, refuse, text};
+use super::{Answers, id, paging, person, refuse, text};
 use crate::approval::{Approval, Signatory};
 use crate::aside::aside;
 use crate::audit::Who;
@@ -108,11 +108,16 @@ impl CaseService for CaseApi {
 
     async fn list_cases(
         &self,
-        _: Request<proto::ListCasesRequest>,
+        request: Request<proto::ListCasesRequest>,
     ) -> Result<Response<proto::ListCasesResponse>, Status> {
-        let cases = self.cases.list().await.map_err(refuse)?;
+        let request = request.into_inner();
+        let size = paging::size(request.page_size).map_err(refuse)?;
+        let page = paging::page(size, request.page_token);
+        let mut cases = self.cases.list(&page).await.map_err(refuse)?;
+        let next_page_token = paging::cut(&mut cases, size, |case| &case.id);
         Ok(Response::new(proto::ListCasesResponse {
             cases: cases.iter().map(|case| self.message(case)).collect(),
+            next_page_token,
         }))
     }
 

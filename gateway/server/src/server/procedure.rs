@@ -11,7 +11,7 @@ use tokio_stream::StreamExt as _;
 use tonic::{Request, Response, Status};
 
 use self::watch::Watch;
-use super::{Answers, Violations, id, person, refuse};
+use super::{Answers, Violations, id, paging, person, refuse};
 use crate::approval::Digest;
 use crate::error::{Error, Violation};
 use crate::procedure::control::Procedures;
@@ -171,11 +171,16 @@ impl ProcedureService for ProcedureApi {
 
     async fn list_procedures(
         &self,
-        _: Request<proto::ListProceduresRequest>,
+        request: Request<proto::ListProceduresRequest>,
     ) -> Result<Response<proto::ListProceduresResponse>, Status> {
-        let procedures = self.0.list().await.map_err(refuse)?;
+        let request = request.into_inner();
+        let size = paging::size(request.page_size).map_err(refuse)?;
+        let page = paging::page(size, request.page_token);
+        let mut procedures = self.0.list(&page).await.map_err(refuse)?;
+        let next_page_token = paging::cut(&mut procedures, size, |procedure| &procedure.id);
         Ok(Response::new(proto::ListProceduresResponse {
             procedures: procedures.iter().map(procedure_message).collect(),
+            next_page_token,
         }))
     }
 

@@ -1,11 +1,11 @@
 //! The bench of every test: stand-ins, a gateway in a runtime of its own that can be killed, and a
 //! client that has taken a case as far as the test needs it.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use arthro_bootstrap::{Host, Service as _, status};
 use arthro_gateway::config::{Calibration, Config, Pose};
+use arthro_gateway::journal::Place;
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
 use arthro_proto::gateway::v1 as proto;
@@ -42,7 +42,11 @@ impl Bench {
     pub async fn with(configure: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let journal = folder.path().join("gateway.sqlite");
-        let world = World::new(journal.clone().into());
+        Self::on(journal.into(), folder, configure).await
+    }
+
+    pub async fn on(journal: Place, folder: TempDir, configure: impl FnOnce(&mut Config)) -> Self {
+        let world = World::new(journal.clone());
         let address = world.serve().await;
         let mut config = Config {
             registration: address.clone().into(),
@@ -50,7 +54,8 @@ impl Bench {
             motion: address.clone(),
             instrument: address,
             calibration: Some(calibration()),
-            ..config(journal)
+            journal,
+            ..Config::default()
         };
         configure(&mut config);
         let (runtime, channel) = gateway(config.clone()).await;
@@ -412,13 +417,6 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
         .await
         .unwrap();
     (runtime, channel)
-}
-
-fn config(journal: PathBuf) -> Config {
-    Config {
-        journal: journal.into(),
-        ..Config::default()
-    }
 }
 
 /// The camera looks down on the knee; the arthroscope comes from the side.

@@ -4,7 +4,7 @@ use arthro_gateway::config::Config;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::CaseState;
 use arthro_proto::registration::v1 as registration;
-use tonic::Code;
+use tonic::{Code, Status};
 
 use super::bench::{Bench, reason};
 
@@ -40,10 +40,68 @@ async fn a_case_goes_from_uploads_to_an_approved_plan() {
 
     let listed = bench
         .cases
-        .list_cases(proto::ListCasesRequest {})
+        .list_cases(proto::ListCasesRequest::default())
         .await
         .unwrap();
     assert_eq!(listed.into_inner().cases, [approved]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn cases_are_listed_page_by_page() {
+    let mut bench = Bench::new().await;
+    let mut created = Vec::new();
+    for _ in 0..5 {
+        created.push(bench.case().await);
+    }
+    created.reverse();
+    let mut listed = Vec::new();
+    let mut page_token = String::new();
+    loop {
+        let page = cases_page(&mut bench, 2, page_token).await.unwrap();
+        assert!(page.cases.len() <= 2);
+        listed.extend(page.cases.into_iter().map(|case| case.case_id));
+        page_token = page.next_page_token;
+        if page_token.is_empty() {
+            break;
+        }
+    }
+    assert_eq!(listed, created);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_cannot_be_is_refused() {
+    let mut bench = Bench::new().await;
+    let too_large = cases_page(&mut bench, 1001, String::new()).await;
+    assert_eq!(
+        too_large.unwrap_err().message(),
+        "page_size: is 1001; must be within 1 .. 1000, or 0 for 100"
+    );
+    let unknown = cases_page(&mut bench, 0, "no case".to_owned()).await;
+    assert_eq!(
+        unknown.unwrap_err().message(),
+        "page_token: is \"no case\"; must be the next_page_token of an answer, or empty"
+    );
+    let request = proto::ListProceduresRequest {
+        page_size: 0,
+        page_token: "no procedure".to_owned(),
+    };
+    let unknown = bench.procedures.list_procedures(request).await;
+    assert_eq!(
+        unknown.unwrap_err().message(),
+        "page_token: is \"no procedure\"; must be the next_page_token of an answer, or empty"
+    );
+}
+
+async fn cases_page(
+    bench: &mut Bench,
+    page_size: u32,
+    page_token: String,
+) -> Result<proto::ListCasesResponse, Status> {
+    let request = proto::ListCasesRequest {
+        page_size,
+        page_token,
+    };
+    Ok(bench.cases.list_cases(request).await?.into_inner())
 }
 
 #[tokio::test(flavor = "multi_thread")]

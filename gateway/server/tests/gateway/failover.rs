@@ -1,14 +1,16 @@
 //! Two gateways on one PostgreSQL, as processes that are killed and halted: exactly one commands, and the other takes
-//! over what is open, as interrupted.
+//! over what is open, as interrupted. And one whose PostgreSQL dies.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use arthro_gateway::Config;
 use arthro_gateway::journal::Place;
-use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction, StepKind, StepState};
+use arthro_proto::gateway::v1::{
+    ProcedureState, RecoveryAction, StepKind, StepState, StopProcedureRequest,
+};
 
-use super::bench::{calibration, reason};
+use super::bench::{Bench, calibration, reason};
 use super::fakes::{PATIENCE, World};
 use super::postgres::Database;
 use super::process::Gateway;
@@ -196,4 +198,50 @@ async fn a_gateway_that_is_told_to_end_hands_over_at_once() {
         .bench
         .reaches(&procedure_id, ProcedureState::Aborted)
         .await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn when_the_database_dies_nothing_is_commanded_before_it_is_back_and_an_operator_decides() {
+    let mut database = Database::alone().await;
+    let journal = Place::Postgres(database.address());
+    let mut bench = Bench::on(journal, tempfile::tempdir().unwrap(), |_| {}).await;
+    bench.world.hold("INSERT FORCEPS");
+    let procedure_id = bench.started().await;
+    bench.world.arrived("INSERT FORCEPS", 1).await;
+    let commands = bench.world.commands();
+
+    database.die();
+    // The insertion ends, and that cannot be written.
+    bench.world.let_go();
+    let procedure = bench
+        .reaches(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "JOURNAL_FAILED");
+    let request = StopProcedureRequest {
+        wait_for_devices: true,
+        ..Default::default()
+    };
+    let stopped = bench.procedures.stop_procedure(request).await;
+    stopped.expect("a stop needs no database");
+    let decided = bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await;
+    assert!(decided.is_err(), "{decided:?}");
+    assert_eq!(bench.world.commands(), commands);
+
+    database.come_back();
+    let until = Instant::now() + PATIENCE;
+    while let Err(refusal) = bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await
+    {
+        assert!(Instant::now() < until, "still refused: {refusal:?}");
+        assert_eq!(bench.world.commands(), commands);
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    bench
+        .reaches(&procedure_id, ProcedureState::Completed)
+        .await;
+    assert_eq!(bench.world.count("BITE"), 3);
+    assert!(bench.world.unjournalled.lock().unwrap().is_empty());
 }

@@ -7,6 +7,7 @@ mod instrument;
 pub mod motion;
 pub mod replica;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -33,6 +34,8 @@ pub const PATIENCE: Duration = Duration::from_secs(20);
 pub struct World {
     /// The gateway's journal, read when a command arrives.
     pub journal: Place,
+    /// Whether it is read: where time is measured, it is not.
+    pub reads_journal: AtomicBool,
     /// Every command in order, e.g. "INSERT FORCEPS".
     pub commands: watch::Sender<Vec<String>>,
     /// Commands that arrived before their intention was in the journal.
@@ -107,6 +110,7 @@ impl World {
         };
         Arc::new(Self {
             journal,
+            reads_journal: AtomicBool::new(true),
             commands: watch::Sender::default(),
             unjournalled: Mutex::default(),
             held: watch::Sender::default(),
@@ -199,7 +203,7 @@ impl World {
             .next()
             .unwrap()
             .to_owned();
-        if !self.is_intended(&step_id).await {
+        if self.reads_journal.load(Ordering::Relaxed) && !self.is_intended(&step_id).await {
             self.unjournalled.lock().unwrap().push(command.clone());
         }
         self.commands.send_modify(|commands| commands.push(command));

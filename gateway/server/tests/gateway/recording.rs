@@ -236,7 +236,7 @@ async fn a_replay_ends_with_the_report_of_the_procedure() {
 
     let mut procedures = ProcedureServiceClient::new(channel.clone());
     let listed = procedures
-        .list_procedures(proto::ListProceduresRequest {})
+        .list_procedures(proto::ListProceduresRequest::default())
         .await
         .unwrap()
         .into_inner();

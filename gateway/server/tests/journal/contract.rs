@@ -1,18 +1,22 @@
 //! What the gateway relies on, whichever database it is.
 
+use std::sync::Arc;
+
 use arthro_gateway::calibrations::record::{Kind, Revocation};
-use arthro_gateway::journal::{Blob, Duty, JournalError};
+use arthro_gateway::journal::{Blob, Duty, Journal, JournalError};
 use arthro_gateway::procedure::steps::Kind as StepKind;
 use arthro_gateway::procedure::{Procedure, State};
 use bytes::Bytes;
 
 use crate::store::{Store, on_both};
-use crate::values::{calibration, case, done, filled, outcome, procedure, step};
+use crate::values::{calibration, case, done, filled, outcome, page, procedure, step};
 
 on_both! {
     what_was_written_is_read_after_it_was_opened_anew,
     a_case_is_replaced_with_the_blobs_that_came_with_it,
     cases_come_newest_first,
+    cases_come_page_by_page,
+    procedures_come_page_by_page,
     a_second_open_procedure_is_refused,
     a_step_is_written_before_and_after,
     an_end_of_a_step_is_written_whole_or_not_at_all,
@@ -102,9 +106,46 @@ async fn cases_come_newest_first(store: Store) {
         case.created_at_ms = created_at_ms;
         journal.create_case(&case).await.unwrap();
     }
-    let cases = journal.cases().await.unwrap();
-    let ids: Vec<_> = cases.iter().map(|case| case.id.as_str()).collect();
-    assert_eq!(ids, ["new", "middle", "old"]);
+    assert_eq!(case_ids(&journal, None, 9).await, ["new", "middle", "old"]);
+}
+
+async fn cases_come_page_by_page(store: Store) {
+    let journal = store.open().await;
+    // Two of the same millisecond.
+    for (id, created_at_ms) in [("a", 1), ("b", 2), ("c", 2), ("d", 3)] {
+        let mut case = case(id);
+        case.created_at_ms = created_at_ms;
+        journal.create_case(&case).await.unwrap();
+    }
+    assert_eq!(case_ids(&journal, None, 2).await, ["d", "c"]);
+    assert_eq!(case_ids(&journal, Some("c"), 2).await, ["b", "a"]);
+    assert!(case_ids(&journal, Some("a"), 2).await.is_empty());
+    assert!(case_ids(&journal, Some("none"), 2).await.is_empty());
+}
+
+async fn procedures_come_page_by_page(store: Store) {
+    let journal = store.open().await;
+    journal.create_case(&case("c")).await.unwrap();
+    for (id, started_at_ms) in [("p", 1), ("q", 2), ("r", 2)] {
+        let mut procedure = procedure(id, "c");
+        procedure.started_at_ms = started_at_ms;
+        journal.create_procedure(&procedure).await.unwrap();
+        procedure.state = State::Completed;
+        journal.save_procedure(&procedure).await.unwrap();
+    }
+    let ids = async |after: Option<&str>| {
+        let procedures = journal.procedures(&page(after, 2)).await.unwrap();
+        let ids = procedures.into_iter().map(|procedure| procedure.id);
+        ids.collect::<Vec<_>>()
+    };
+    assert_eq!(ids(None).await, ["r", "q"]);
+    assert_eq!(ids(Some("q")).await, ["p"]);
+    assert!(ids(Some("p")).await.is_empty());
+}
+
+async fn case_ids(journal: &Arc<dyn Journal>, after: Option<&str>, limit: u32) -> Vec<String> {
+    let cases = journal.cases(&page(after, limit)).await.unwrap();
+    cases.into_iter().map(|case| case.id).collect()
 }
 
 async fn a_second_open_procedure_is_refused(store: Store) {
@@ -165,7 +206,10 @@ async fn a_step_is_written_before_and_after(store: Store) {
         journal.procedure("p").await.unwrap().as_ref(),
         Some(&procedure)
     );
-    assert_eq!(journal.procedures().await.unwrap(), [procedure]);
+    assert_eq!(
+        journal.procedures(&page(None, 9)).await.unwrap(),
+        [procedure]
+    );
 }
 
 async fn an_end_of_a_step_is_written_whole_or_not_at_all(store: Store) {
@@ -226,7 +270,7 @@ async fn whoever_gave_command_up_cannot_write(store: Store) {
         matches!(&written, Err(JournalError::NotInCommand { holder }) if holder.is_empty()),
         "{written:?}"
     );
-    assert_eq!(journal.cases().await.unwrap(), [case("c")]);
+    assert_eq!(journal.cases(&page(None, 9)).await.unwrap(), [case("c")]);
 }
 
 async fn a_procedure_of_no_case_is_refused(store: Store) {
@@ -237,5 +281,5 @@ async fn a_procedure_of_no_case_is_refused(store: Store) {
             .await
             .is_err()
     );
-    assert!(journal.procedures().await.unwrap().is_empty());
+    assert!(journal.procedures(&page(None, 9)).await.unwrap().is_empty());
 }

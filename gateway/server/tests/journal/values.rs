@@ -4,6 +4,7 @@ use arthro_bootstrap::Role;
 use arthro_gateway::approval::{Approval, Digest, Signatory};
 use arthro_gateway::calibrations::record::Calibration;
 use arthro_gateway::cases::case::{Acceptance, Case, ModelInfo, SceneInfo};
+use arthro_gateway::journal::Page;
 use arthro_gateway::procedure::steps::{BiteOutcome, Kind, Planned, Step, StepState};
 use arthro_gateway::procedure::{Procedure, State};
 use arthro_gateway::verification::{Touch, Verification};
@@ -145,5 +146,13 @@ fn signatory(name: &str) -> Signatory {
         name: name.to_owned(),
         role: "surgeon".to_owned(),
         at_ms: 7,
+    }
+}
+
+/// A part of a list.
+pub fn page(after: Option<&str>, limit: u32) -> Page {
+    Page {
+        after: after.map(str::to_owned),
+        limit,
     }
 }

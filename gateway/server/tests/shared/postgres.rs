@@ -20,10 +20,12 @@ pub struct Database {
 }
 
 struct Server {
-    /// A shell that ends the server when its standard input closes, so that it does not outlive the tests.
-    shell: Child,
+    process: Process,
     folder: TempDir,
 }
+
+/// The server's process, below a shell that ends it when its standard input closes, so that it does not outlive the tests.
+struct Process(Child);
 
 static SHARED: Mutex<Weak<Server>> = Mutex::new(Weak::new());
 
@@ -33,7 +35,43 @@ const NOBODY: u32 = 65534;
 impl Database {
     /// An empty database.
     pub async fn new() -> Self {
-        let server = tokio::task::spawn_blocking(Server::shared).await.unwrap();
+        Self::on(tokio::task::spawn_blocking(Server::shared).await.unwrap()).await
+    }
+
+    /// The same on a server that no other test uses, so that it may die.
+    #[allow(
+        dead_code,
+        reason = "not every program that shares this file lets it die"
+    )]
+    pub async fn alone() -> Self {
+        let server = tokio::task::spawn_blocking(Server::start).await.unwrap();
+        Self::on(Arc::new(server)).await
+    }
+
+    /// Ends the server as a crash would: nothing is written any more and every connection breaks.
+    #[allow(
+        dead_code,
+        reason = "not every program that shares this file lets it die"
+    )]
+    pub fn die(&mut self) {
+        self.own_server().process.end();
+    }
+
+    /// Starts the server again on what it has written.
+    #[allow(
+        dead_code,
+        reason = "not every program that shares this file lets it die"
+    )]
+    pub fn come_back(&mut self) {
+        let server = self.own_server();
+        server.process = Process::start(server.folder.path());
+    }
+
+    fn own_server(&mut self) -> &mut Server {
+        Arc::get_mut(&mut self.server).expect("the server is this test's alone")
+    }
+
+    async fn on(server: Arc<Server>) -> Self {
         let database = Self {
             name: format!("test_{}", Uuid::now_v7().simple()),
             server,
@@ -87,6 +125,21 @@ impl Server {
             "initdb: {}",
             String::from_utf8_lossy(&made.stderr)
         );
+        Self {
+            process: Process::start(folder.path()),
+            folder,
+        }
+    }
+
+    fn address(&self, database: &str) -> String {
+        let socket = self.folder.path().display();
+        format!("postgres://arthro@localhost/{database}?host={socket}")
+    }
+}
+
+impl Process {
+    /// Of the data in a folder; its socket is there too.
+    fn start(folder: &Path) -> Self {
         let postgres = as_nobody(&program("postgres"));
         let mut shell = Command::new("sh")
             .args([
@@ -97,12 +150,12 @@ impl Server {
             .arg(postgres.get_program())
             .args(postgres.get_args())
             .arg("-D")
-            .arg(&data)
+            .arg(folder.join("data"))
             .arg("-k")
-            .arg(folder.path())
+            .arg(folder)
             .args(["-h", "", "-c", "shared_buffers=16MB"])
             .envs(libraries())
-            .current_dir(folder.path())
+            .current_dir(folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -115,19 +168,18 @@ impl Server {
         }
         // Whoever does not read on stops the server once the pipe is full.
         std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
-        Self { shell, folder }
+        Self(shell)
     }
 
-    fn address(&self, database: &str) -> String {
-        let socket = self.folder.path().display();
-        format!("postgres://arthro@localhost/{database}?host={socket}")
+    fn end(&mut self) {
+        drop(self.0.stdin.take());
+        self.0.wait().unwrap();
     }
 }
 
-impl Drop for Server {
+impl Drop for Process {
     fn drop(&mut self) {
-        drop(self.shell.stdin.take());
-        self.shell.wait().unwrap();
+        self.end();
     }
 }
 

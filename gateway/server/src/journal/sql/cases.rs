@@ -5,7 +5,7 @@ use sqlx::{Any, AnyPool, AssertSqlSafe, Transaction};
 
 use super::rows;
 use crate::cases::case::Case;
-use crate::journal::{Blob, JournalError};
+use crate::journal::{Blob, JournalError, Page};
 
 const COLUMNS: &str = "case_id, label, created_at_ms, revision, model_digest, lesion_spacing_mm, scene_digest, \
      scene_point_count, scene_has_normals, registration, accepted_by, plan, plan_jaw_width_mm, \
@@ -104,12 +104,16 @@ pub async fn one(pool: &AnyPool, case_id: &str) -> Result<Option<Case>, JournalE
         .transpose()
 }
 
-/// All cases without their blobs, newest first.
-pub async fn all(pool: &AnyPool) -> Result<Vec<Case>, JournalError> {
+/// Cases without their blobs, newest first.
+pub async fn page(pool: &AnyPool, page: &Page) -> Result<Vec<Case>, JournalError> {
     let query = AssertSqlSafe(format!(
-        "SELECT {COLUMNS} FROM cases ORDER BY created_at_ms DESC, case_id DESC"
+        "SELECT {COLUMNS} FROM cases WHERE $1 = '' OR (created_at_ms, case_id) < \
+         (SELECT created_at_ms, case_id FROM cases WHERE case_id = $1) \
+         ORDER BY created_at_ms DESC, case_id DESC LIMIT $2"
     ));
     sqlx::query(query)
+        .bind(page.after.as_deref().unwrap_or_default())
+        .bind(i64::from(page.limit))
         .fetch_all(pool)
         .await?
         .iter()

@@ -3,7 +3,7 @@
 use sqlx::{Any, AnyPool, AssertSqlSafe, Row as _, Transaction};
 
 use super::{Dialect, rows};
-use crate::journal::JournalError;
+use crate::journal::{JournalError, Page};
 use crate::procedure::steps::{BiteOutcome, Step};
 use crate::procedure::{Procedure, State};
 
@@ -99,12 +99,17 @@ pub async fn one(pool: &AnyPool, procedure_id: &str) -> Result<Option<Procedure>
     Ok(Some(procedure))
 }
 
-/// All procedures with their latest steps, newest first.
-pub async fn all(pool: &AnyPool) -> Result<Vec<Procedure>, JournalError> {
-    let rows =
-        sqlx::query("SELECT * FROM procedures ORDER BY started_at_ms DESC, procedure_id DESC")
-            .fetch_all(pool)
-            .await?;
+/// Procedures with their latest steps, newest first.
+pub async fn page(pool: &AnyPool, page: &Page) -> Result<Vec<Procedure>, JournalError> {
+    let rows = sqlx::query(
+        "SELECT * FROM procedures WHERE $1 = '' OR (started_at_ms, procedure_id) < \
+         (SELECT started_at_ms, procedure_id FROM procedures WHERE procedure_id = $1) \
+         ORDER BY started_at_ms DESC, procedure_id DESC LIMIT $2",
+    )
+    .bind(page.after.as_deref().unwrap_or_default())
+    .bind(i64::from(page.limit))
+    .fetch_all(pool)
+    .await?;
     let mut procedures = Vec::with_capacity(rows.len());
     for row in &rows {
         let mut procedure = rows::procedure(row)?;

@@ -147,7 +147,7 @@ impl<'a> Performing<'a> {
 
         let measured = performer.clients.motion.arms().await?.forceps;
         let instrument = &performer.clients.instrument;
-        let current_deg = instrument.axes().await?.forceps_rotation_deg;
+        let current_deg = instrument.axes().await?.forceps_rotation_deg()?;
         let travel = instrument.forceps_rotation_travel_deg().await?;
         let angle_deg =
             poses::jaw_angle_deg(&measured.base_from_tool, &pose.opening, current_deg, travel)

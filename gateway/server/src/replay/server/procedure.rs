@@ -111,6 +111,8 @@ impl ProcedureService for ProcedureApi {
     ) -> Result<Response<proto::ListProceduresResponse>, Status> {
         Ok(Response::new(proto::ListProceduresResponse {
             procedures: self.0.procedure.borrow().iter().cloned().collect(),
+            // A recording holds one.
+            next_page_token: String::new(),
         }))
     }
 

@@ -4,7 +4,7 @@ use arthro_bootstrap::Caller;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::registration::v1 as registration;
 
-use super::super::{Violations, acting, id, text};
+use super::super::{Violations, id, person, text};
 use super::{CaseApi, decoded};
 use crate::cases::case::Case;
 use crate::clients::motion::{Arm, TipWatch};
@@ -26,7 +26,7 @@ impl CaseApi {
         let case_id = violations.check(id("case_id", request.case_id));
         let landmark = violations.check(text("landmark", request.landmark, 100));
         let point = violations.check(wire::point(request.point, "point"));
-        let operator = violations.check(acting(caller, "operator", request.operator));
+        let operator = violations.check(person(caller, "operator", request.operator));
         violations.finish()?;
         let (Some(case_id), Some(landmark), Some(point), Some(operator)) =
             (case_id, landmark, point, operator)
@@ -66,7 +66,7 @@ impl CaseApi {
     ) -> DomainResult<proto::RemoveTouchResponse> {
         let case_id = id("case_id", request.case_id)?;
         let landmark = text("landmark", request.landmark, 100)?;
-        let operator = acting(caller, "operator", request.operator)?;
+        let operator = person(caller, "operator", request.operator)?;
         let case = self.cases.remove_touch(&case_id, &landmark).await?;
         tracing::info!(case_id, landmark, operator, "touch removed");
         Ok(proto::RemoveTouchResponse {
