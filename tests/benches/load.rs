@@ -1,7 +1,8 @@
 //! A gateway under load, on a whole simulated cell in real time: how fast it answers those who ask, how soon it acknowledges a
 //! stop and an abort, and how much memory it holds, with one more burden in each row.
 //!
-//! `tests/run load [--seconds N]`. It measures and holds to no limit; the table goes to standard output, and one line of JSON
+//! `tests/run load [--seconds N] [--calls N]`: `--calls` is how many status calls a second all askers make together; without
+//! it each asks as fast as it is answered. It measures and holds to no limit; the table goes to standard output, and one line of JSON
 //! after it.
 #![allow(
     clippy::panic,
@@ -112,7 +113,9 @@ fn main() {
 }
 
 async fn measure_all() {
-    let lasting = Duration::from_secs_f64(seconds());
+    let lasting = Duration::from_secs_f64(given("--seconds").unwrap_or(15.0));
+    let asking_period = given("--calls").map(|calls_s| ASKERS as f64 / calls_s);
+    let asking_period = asking_period.map(Duration::from_secs_f64);
     let cell = Cell::up_with(&["--time-scale", "1"]).await;
     allow_many_files();
     let (case_id, digest) = cell.approved_case().await;
@@ -120,7 +123,7 @@ async fn measure_all() {
     let before = resident_bytes(gateway);
     let mut rows = Vec::new();
     for burden in burdens() {
-        let row = measure(&cell, &case_id, &digest, burden, lasting).await;
+        let row = measure(&cell, &case_id, &digest, burden, lasting, asking_period).await;
         println!("{}", row.text());
         rows.push(row);
     }
@@ -140,13 +143,16 @@ async fn measure_all() {
     cell.teardown().await;
 }
 
-fn seconds() -> f64 {
+/// The number that follows an option.
+fn given(option: &str) -> Option<f64> {
     let arguments: Vec<String> = std::env::args().collect();
-    let given = arguments
+    arguments
         .windows(2)
-        .find(|pair| pair[0] == "--seconds")
-        .map(|pair| pair[1].parse().expect("--seconds takes a number"));
-    given.unwrap_or(15.0)
+        .find(|pair| pair[0] == option)
+        .map(|pair| match pair[1].parse() {
+            Ok(number) if number > 0.0 => number,
+            _ => panic!("{option} takes a number above 0"),
+        })
 }
 
 /// Two thousand connections need more than a shell allows; the gateway does the same for itself.
@@ -165,6 +171,7 @@ async fn measure(
     digest: &str,
     burden: Burden,
     lasting: Duration,
+    asking_period: Option<Duration>,
 ) -> Row {
     let mut procedures = cell.procedures().await;
     let procedure_id = start(&mut procedures, case_id, digest).await;
@@ -181,7 +188,7 @@ async fn measure(
     let prefaces = crowd.begin_prefaces(burden.mute / 2).await;
     let headers = crowd.begin_headers(burden.mute / 2).await;
     let uploads = Uploads::to(cell.url("gateway"), case_id, burden.uploads).await;
-    let asking = crowd.ask(burden.askers).await;
+    let asking = crowd.ask(burden.askers, asking_period).await;
 
     let (began, received) = (Instant::now(), watching.received());
     let stopper = Stopper::at(cell);

@@ -3,7 +3,7 @@
 //!
 //! ```ignore
 //! let crowd = Crowd::of(&gateway, &procedure_id);
-//! let asking = crowd.ask(100).await;
+//! let asking = crowd.ask(100, None).await;
 //! let watching = crowd.watch(200, 0.02).await;
 //! // ... stop, and look at the clock ...
 //! println!("{}", asking.end().await);
@@ -18,12 +18,13 @@ mod withholding;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use arthro_proto::gateway::v1::{GetProcedureRequest, WatchProcedureRequest};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
+use tokio::time::{Interval, MissedTickBehavior, interval_at};
 use tonic::transport::{Channel, Endpoint};
 
 pub use latencies::Latencies;
@@ -39,7 +40,7 @@ pub struct Crowd {
     procedure_id: String,
 }
 
-/// Clients that ask for the procedure as fast as they are answered, each on a connection of its own.
+/// Clients that ask for the procedure, each on a connection of its own.
 #[derive(Debug)]
 pub struct Asking {
     end: watch::Sender<bool>,
@@ -95,15 +96,23 @@ impl Crowd {
         ProcedureServiceClient::new(channel)
     }
 
-    /// So many who ask without a pause.
-    pub async fn ask(&self, clients: usize) -> Asking {
+    /// So many who ask, each once a `period` if it is answered in time; without one each asks as fast as it is answered.
+    pub async fn ask(&self, clients: usize, period: Option<Duration>) -> Asking {
         let (end, ended) = watch::channel(false);
         let refused = Arc::new(AtomicU64::new(0));
         let mut asking = JoinSet::new();
-        for _ in 0..clients {
+        let began = tokio::time::Instant::now();
+        for place in 0..clients as u32 {
             let client = self.connected().await;
+            let turns = period.map(|period| {
+                // One after the other, not all at once.
+                let mut turns = interval_at(began + period * place / clients as u32, period);
+                turns.set_missed_tick_behavior(MissedTickBehavior::Skip);
+                turns
+            });
             asking.spawn(ask(
                 client,
+                turns,
                 self.procedure_id.clone(),
                 ended.clone(),
                 refused.clone(),
@@ -163,12 +172,16 @@ impl Crowd {
 
 async fn ask(
     mut client: ProcedureServiceClient<Channel>,
+    mut turns: Option<Interval>,
     procedure_id: String,
     ended: watch::Receiver<bool>,
     refused: Arc<AtomicU64>,
 ) -> Vec<f64> {
     let mut latencies_ms = Vec::new();
     while !*ended.borrow() {
+        if let Some(turns) = &mut turns {
+            turns.tick().await;
+        }
         let request = GetProcedureRequest {
             procedure_id: procedure_id.clone(),
         };

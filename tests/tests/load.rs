@@ -50,7 +50,7 @@ async fn a_stop_gets_through_a_crowd_and_nobody_is_refused_wrongly() {
     let prefaces = crowd.begin_prefaces(50).await;
     let headers = crowd.begin_headers(50).await;
     let uploads = Uploads::to(cell.url("gateway"), &case_id, 2).await;
-    let asking = crowd.ask(ASKERS).await;
+    let asking = crowd.ask(ASKERS, None).await;
     let stops = stopper
         .stop_for(Duration::from_secs(2))
         .await

@@ -1,4 +1,4 @@
-//! What writing a step costs: `cargo bench -p arthro-gateway --bench journal`, on SQLite in a folder of `target/` and
+//! What writing a step costs: `cargo bench --workspace --bench journal`, on SQLite in a folder of `target/` and
 //! on a PostgreSQL server of its own. It measures and holds to no limit.
 #![allow(
     clippy::unwrap_used,

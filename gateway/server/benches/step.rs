@@ -1,4 +1,4 @@
-//! What a step costs beside the devices' own motion: `cargo bench -p arthro-gateway --bench step`. Whole procedures run
+//! What a step costs beside the devices' own motion: `cargo bench --workspace --bench step`. Whole procedures run
 //! against stand-ins of the services that have done at once whatever they are told, over loopback, with the journal on
 //! SQLite in a folder of `target/`. It measures and holds to no limit.
 #![allow(

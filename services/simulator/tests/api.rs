@@ -22,8 +22,8 @@ use arthro_simulator::ur5::Series;
 use arthro_simulator::{Config, Server};
 use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream};
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
 
 /// A served cell on free ports; ends with the test's runtime.
 struct Served {
@@ -61,7 +61,7 @@ impl Served {
         tokio::spawn(
             tonic::transport::Server::builder()
                 .add_routes(routes)
-                .serve_with_incoming(TcpListenerStream::new(listener)),
+                .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true))),
         );
         let channel = Channel::from_shared(format!("http://{address}")).unwrap();
         Self {

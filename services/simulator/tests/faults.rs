@@ -21,8 +21,8 @@ use arthro_simulator::standalone::ur5::{Config, PortChoice, Standalone};
 use arthro_simulator::ur5;
 use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream};
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
 use tonic::{Code, Status};
 
 /// A controller alone, powered, on free ports; ends with the test's runtime.
@@ -44,7 +44,7 @@ impl Served {
         tokio::spawn(
             tonic::transport::Server::builder()
                 .add_routes(routes)
-                .serve_with_incoming(TcpListenerStream::new(listener)),
+                .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true))),
         );
         let channel = Channel::from_shared(format!("http://{address}")).unwrap();
         Self(FaultServiceClient::new(channel.connect().await.unwrap()))

@@ -1,10 +1,11 @@
 //! The bench of every test: stand-ins, a gateway in a runtime of its own that can be killed, and a
 //! client that has taken a case as far as the test needs it.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use arthro_bootstrap::{Host, Service as _, status};
-use arthro_gateway::config::{Calibration, Config, Pose};
+use arthro_gateway::config::{AuditConfig, Calibration, Config, Pose};
 use arthro_gateway::journal::Place;
 use arthro_geometry::{Point3, Vector3};
 use arthro_proto::common::v1 as common;
@@ -16,9 +17,9 @@ use arthro_proto::gateway::v1::procedure_service_client::ProcedureServiceClient;
 use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::Status;
 use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
 
 use super::fakes::{PATIENCE, World};
 
@@ -405,7 +406,7 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
             let address = listener.local_addr().unwrap();
             let server = tonic::transport::Server::builder()
                 .add_routes(routes)
-                .serve_with_incoming(TcpListenerStream::new(listener));
+                .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true)));
             tokio::spawn(server);
             address
         })
@@ -417,6 +418,15 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
         .await
         .unwrap();
     (runtime, channel)
+}
+
+/// The audit's files in a folder: beside a database there is no place for them.
+pub fn audit_in(folder: &Path) -> AuditConfig {
+    AuditConfig {
+        key: Some(folder.join("audit-key")),
+        heads: Some(folder.join("audit-heads")),
+        ..AuditConfig::default()
+    }
 }
 
 /// The camera looks down on the knee; the arthroscope comes from the side.

@@ -10,7 +10,7 @@ use arthro_proto::gateway::v1::{
     ProcedureState, RecoveryAction, StepKind, StepState, StopProcedureRequest,
 };
 
-use super::bench::{Bench, calibration, reason};
+use super::bench::{Bench, audit_in, calibration, reason};
 use super::fakes::{PATIENCE, World};
 use super::postgres::Database;
 use super::process::Gateway;
@@ -204,7 +204,9 @@ async fn a_gateway_that_is_told_to_end_hands_over_at_once() {
 async fn when_the_database_dies_nothing_is_commanded_before_it_is_back_and_an_operator_decides() {
     let mut database = Database::alone().await;
     let journal = Place::Postgres(database.address());
-    let mut bench = Bench::on(journal, tempfile::tempdir().unwrap(), |_| {}).await;
+    let folder = tempfile::tempdir().unwrap();
+    let audit = audit_in(folder.path());
+    let mut bench = Bench::on(journal, folder, |config| config.audit = audit).await;
     bench.world.hold("INSERT FORCEPS");
     let procedure_id = bench.started().await;
     bench.world.arrived("INSERT FORCEPS", 1).await;

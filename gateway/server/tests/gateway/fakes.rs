@@ -24,8 +24,8 @@ use arthro_proto::registration::v1::Verdict;
 use arthro_proto::registration::v1::registration_service_server::RegistrationServiceServer;
 use sqlx::{AnyConnection, Connection as _};
 use tokio::sync::watch;
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::Status;
+use tonic::transport::server::TcpIncoming;
 
 /// No event of a test takes longer.
 pub const PATIENCE: Duration = Duration::from_secs(20);
@@ -150,7 +150,7 @@ impl World {
                 self.clone(),
             )))
             .add_service(PlanningServiceServer::new(computing::Fake(self.clone())))
-            .serve_with_incoming(TcpListenerStream::new(listener));
+            .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true)));
         tokio::spawn(server);
         address
     }

@@ -7,13 +7,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use arthro_gateway::Config;
-use arthro_gateway::config::AuditConfig;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::ProcedureState;
 use tonic::Status;
 use tonic::transport::Channel;
 
-use super::bench::Bench;
+use super::bench::{Bench, audit_in};
 use super::fakes::{PATIENCE, World};
 
 pub struct Gateway {
@@ -24,14 +23,26 @@ pub struct Gateway {
 
 impl Gateway {
     pub async fn start(name: &str, config: &Config, world: &Arc<World>) -> Self {
+        Self::begin(name, config, world, spawn).await
+    }
+
+    /// The same with a disk of `kib` mounted at a folder, which only it sees.
+    pub async fn start_with_disk(config: &Config, world: &Arc<World>, at: &Path, kib: u32) -> Self {
+        let at = at.to_owned();
+        let spawn = move |file: &Path| spawn_with_disk(file, &at, kib);
+        Self::begin("gateway", config, world, spawn).await
+    }
+
+    async fn begin(
+        name: &str,
+        config: &Config,
+        world: &Arc<World>,
+        spawn: impl FnOnce(&Path) -> (Child, String) + Send + 'static,
+    ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let config = Config {
             name: name.to_owned(),
-            audit: AuditConfig {
-                key: Some(folder.path().join("audit-key")),
-                heads: Some(folder.path().join("audit-heads")),
-                ..AuditConfig::default()
-            },
+            audit: audit_in(folder.path()),
             ..config.clone()
         };
         let file = folder.path().join("cell.toml");
@@ -105,8 +116,37 @@ impl Drop for Gateway {
 
 fn spawn(config: &Path) -> (Child, String) {
     // Whoever writes beyond the limit of a file's size is killed, unless the signal is ignored from the start.
-    let mut process = Command::new("sh")
-        .args(["-c", r#"trap "" XFSZ; exec "$0" "$@""#])
+    let mut shell = Command::new("sh");
+    shell.args(["-c", r#"trap "" XFSZ; exec "$0" "$@""#]);
+    announced(shell, config)
+}
+
+/// What begins a process with mounts of its own.
+fn with_mounts() -> Command {
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "--map-root-user"]);
+    command
+}
+
+/// Whether this machine lets a process have mounts of its own.
+pub fn may_mount() -> bool {
+    let mut tried = with_mounts();
+    tried.args(["mount", "-t", "tmpfs", "tmpfs", "/mnt"]);
+    tried.status().is_ok_and(|status| status.success())
+}
+
+fn spawn_with_disk(config: &Path, at: &Path, kib: u32) -> (Child, String) {
+    let mut shell = with_mounts();
+    shell.args(["sh", "-c"]).arg(format!(
+        r#"mount -t tmpfs -o size={kib}k tmpfs {} && exec "$0" "$@""#,
+        at.display()
+    ));
+    announced(shell, config)
+}
+
+/// Starts the gateway by a shell that becomes it.
+fn announced(mut shell: Command, config: &Path) -> (Child, String) {
+    let mut process = shell
         .arg(env!("CARGO_BIN_EXE_arthro-gateway"))
         .arg("--config")
         .arg(config)

@@ -14,8 +14,8 @@ use arthro_proto::instrument::v1::instrument_service_client::InstrumentServiceCl
 use arthro_proto::motion::v1 as motion;
 use arthro_proto::motion::v1::motion_service_client::MotionServiceClient;
 use tempfile::TempDir;
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
 
 use super::bench::{Bench, reason};
 use super::fakes::PATIENCE;
@@ -190,7 +190,7 @@ async fn replayed(file: &Path) -> Channel {
     let address = listener.local_addr().unwrap();
     let server = tonic::transport::Server::builder()
         .add_routes(routes)
-        .serve_with_incoming(TcpListenerStream::new(listener));
+        .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true)));
     tokio::spawn(server);
     Channel::from_shared(format!("http://{address}"))
         .unwrap()

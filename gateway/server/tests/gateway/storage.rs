@@ -1,9 +1,13 @@
 //! A journal that writes slowly, or no more: no step is commanded that does not stand in it, and a stop waits for
 //! nothing.
 
+use std::fs::File;
+use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use arthro_gateway::Config;
@@ -16,7 +20,7 @@ use tokio::time::Instant;
 use super::bench::{Bench, calibration, reason};
 use super::fakes::World;
 use super::postgres::as_nobody;
-use super::process::Gateway;
+use super::process::{Gateway, may_mount};
 
 /// Long against anything that waits for no disk.
 const SLOW: Duration = Duration::from_secs(1);
@@ -187,16 +191,7 @@ async fn a_disk_that_takes_no_byte_halts_everything_and_one_that_takes_them_agai
     let folder = tempfile::tempdir().unwrap();
     let journal = Place::File(folder.path().join("journal.sqlite"));
     let world = World::new(journal.clone());
-    let address = world.serve().await;
-    let config = Config {
-        journal,
-        registration: address.clone().into(),
-        planning: address.clone().into(),
-        motion: address.clone(),
-        instrument: address,
-        calibration: Some(calibration()),
-        ..Config::default()
-    };
+    let config = world_config(journal, &world).await;
     let mut gateway = Gateway::start("gateway", &config, &world).await;
     let (case_id, digest) = gateway.bench.approved().await;
     limit_files(&gateway, "0");
@@ -235,6 +230,81 @@ async fn a_disk_that_takes_no_byte_halts_everything_and_one_that_takes_them_agai
         .unwrap();
     gateway.tells(&procedure_id, ProcedureState::Aborted).await;
     assert!(world.unjournalled.lock().unwrap().is_empty());
+}
+
+/// Writes until the disk is full; the file that filled it.
+fn fill_disk(gateway: &Gateway, at: &Path) -> PathBuf {
+    let seen_by_it = format!("/proc/{}/root{}", gateway.pid(), at.display());
+    let filler = PathBuf::from(seen_by_it).join("filler");
+    let mut file = File::create(&filler).unwrap();
+    let full = loop {
+        if let Err(full) = file.write_all(&[0; 4096]) {
+            break full;
+        }
+    };
+    assert_eq!(full.kind(), ErrorKind::StorageFull);
+    filler
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_disk_without_space_halts_before_what_it_cannot_hold_and_loses_nothing() {
+    if !may_mount() {
+        println!("skipped: no process may mount here");
+        return;
+    }
+    let disk = tempfile::tempdir().unwrap();
+    let journal = Place::File(disk.path().join("journal.sqlite"));
+    let world = World::new(journal.clone());
+    // It lies where only the gateway sees it.
+    world.reads_journal.store(false, Ordering::Relaxed);
+    let config = world_config(journal, &world).await;
+    let mut gateway = Gateway::start_with_disk(&config, &world, disk.path(), 8192).await;
+    let (case_id, digest) = gateway.bench.approved().await;
+    world.hold("INSERT FORCEPS");
+    let procedure_id = gateway.bench.start(&case_id, &digest).await.unwrap();
+    world.arrived("INSERT FORCEPS", 1).await;
+    let stops = *world.stops.borrow();
+    let filler = fill_disk(&gateway, disk.path());
+    world.let_go();
+    let procedure = gateway
+        .tells(&procedure_id, ProcedureState::Interrupted)
+        .await;
+    assert_eq!(procedure.reason, "JOURNAL_FAILED");
+    assert!(*world.stops.borrow() > stops);
+    let commands = world.commands();
+    gateway.stop().await.unwrap();
+    let recovery = gateway
+        .bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await;
+    assert!(recovery.is_err(), "{recovery:?}");
+    assert_eq!(world.commands(), commands);
+
+    std::fs::remove_file(filler).unwrap();
+    let bites = gateway.bench.report(&procedure_id).await.bites.len();
+    assert_eq!(world.count("BITE"), bites, "every bite is written");
+    gateway
+        .bench
+        .recover(&procedure_id, RecoveryAction::RepeatBite)
+        .await
+        .unwrap();
+    gateway
+        .tells(&procedure_id, ProcedureState::Completed)
+        .await;
+    assert_eq!(world.count("BITE"), 3);
+}
+
+async fn world_config(journal: Place, world: &Arc<World>) -> Config {
+    let address = world.serve().await;
+    Config {
+        journal,
+        registration: address.clone().into(),
+        planning: address.clone().into(),
+        motion: address.clone(),
+        instrument: address,
+        calibration: Some(calibration()),
+        ..Config::default()
+    }
 }
 
 #[test]

@@ -20,8 +20,8 @@ use proto::plan_resection_response::Event;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_stream::StreamExt as _;
-use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
 use tonic::{Code, Status};
 
 use crate::world::{LESION_SPACING_MM, papers_case};
@@ -46,7 +46,7 @@ impl Context {
         let server = tokio::spawn(async move {
             tonic::transport::Server::builder()
                 .add_service(PlanningServiceServer::new(planning))
-                .serve_with_incoming(TcpListenerStream::new(listener))
+                .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true)))
                 .await
                 .unwrap();
         });

@@ -27,7 +27,7 @@ async fn client(config: Config) -> RegistrationServiceClient<Channel> {
     tokio::spawn(
         server::Server::builder()
             .add_routes(routes)
-            .serve_with_incoming(TcpIncoming::from(listener)),
+            .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true))),
     );
     RegistrationServiceClient::connect(format!("http://{address}"))
         .await

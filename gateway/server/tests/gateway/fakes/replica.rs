@@ -6,7 +6,7 @@ use std::sync::Arc;
 use arthro_proto::planning::v1::planning_service_server::PlanningServiceServer;
 use arthro_proto::registration::v1::registration_service_server::RegistrationServiceServer;
 use tokio::runtime::Runtime;
-use tokio_stream::wrappers::TcpListenerStream;
+use tonic::transport::server::TcpIncoming;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
@@ -44,7 +44,7 @@ impl Replica {
                         serving.clone(),
                     )))
                     .add_service(PlanningServiceServer::new(computing::Fake(serving)))
-                    .serve_with_incoming(TcpListenerStream::new(listener));
+                    .serve_with_incoming(TcpIncoming::from(listener).with_nodelay(Some(true)));
                 tokio::spawn(server);
                 address
             })
