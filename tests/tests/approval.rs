@@ -24,6 +24,16 @@ async fn a_run_without_approval_is_refused_and_nothing_moves() {
 }
 
 #[tokio::test]
+async fn a_case_without_a_plan_is_not_run() {
+    let cell = Cell::up().await;
+    let case = cell.registered_case().await;
+    let answer = cell.command(&["run", &case, "--operator", "test"]).await;
+    assert_eq!((answer.code, answer.reason()), (3, "NOT_PLANNED"));
+    assert_eq!(insertions(&cell).await, 0);
+    cell.teardown().await;
+}
+
+#[tokio::test]
 async fn a_plan_revised_after_approval_is_not_run() {
     let cell = Cell::up().await;
     let (case, digest) = cell.approved_case().await;

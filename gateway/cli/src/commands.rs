@@ -62,6 +62,9 @@ pub async fn run(arguments: Arguments, output: &Output) -> Result<(), Failure> {
                 Some(digest) => digest,
                 None => {
                     let case = gateway.case(&run.case).await?.case.unwrap_or_default();
+                    if case.plan_digest.is_empty() {
+                        return Err(Failure::refused("NOT_PLANNED", "the case has no plan"));
+                    }
                     case.plan_digest
                 }
             };

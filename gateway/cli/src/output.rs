@@ -54,7 +54,9 @@ impl Output {
     /// Why the command failed.
     pub fn failure(&self, failure: &Failure) {
         self.note(format!("arthro: {}: {}", failure.reason, failure.message));
-        for (field, description) in &failure.violations {
+        // Mostly the message says all of it.
+        let said = |(_, description): &&(String, String)| failure.message.contains(description);
+        for (field, description) in failure.violations.iter().filter(|told| !said(told)) {
             self.note(format!("  {field}: {description}"));
         }
         let violations: Vec<_> = failure
