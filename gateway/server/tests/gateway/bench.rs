@@ -48,16 +48,7 @@ impl Bench {
 
     pub async fn on(journal: Place, folder: TempDir, configure: impl FnOnce(&mut Config)) -> Self {
         let world = World::new(journal.clone());
-        let address = world.serve().await;
-        let mut config = Config {
-            registration: address.clone().into(),
-            planning: address.clone().into(),
-            motion: address.clone(),
-            instrument: address,
-            calibration: Some(calibration()),
-            journal,
-            ..Config::default()
-        };
+        let mut config = config(journal, &world).await;
         configure(&mut config);
         let (runtime, channel) = gateway(config.clone()).await;
         let mut bench = Self::at(channel, world, config, folder);
@@ -418,6 +409,20 @@ async fn gateway(config: Config) -> (Runtime, Channel) {
         .await
         .unwrap();
     (runtime, channel)
+}
+
+/// Of a gateway between the stand-ins, which are served from now on.
+pub async fn config(journal: Place, world: &Arc<World>) -> Config {
+    let address = world.serve().await;
+    Config {
+        journal,
+        registration: address.clone().into(),
+        planning: address.clone().into(),
+        motion: address.clone(),
+        instrument: address,
+        calibration: Some(calibration()),
+        ..Config::default()
+    }
 }
 
 /// The audit's files in a folder: beside a database there is no place for them.

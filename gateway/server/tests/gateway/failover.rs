@@ -4,13 +4,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use arthro_gateway::Config;
 use arthro_gateway::journal::Place;
 use arthro_proto::gateway::v1::{
     ProcedureState, RecoveryAction, StepKind, StepState, StopProcedureRequest,
 };
 
-use super::bench::{Bench, audit_in, calibration, reason};
+use super::bench::{Bench, audit_in, config, reason};
 use super::fakes::{PATIENCE, World};
 use super::postgres::Database;
 use super::process::Gateway;
@@ -30,16 +29,7 @@ impl Pair {
     async fn new() -> Self {
         let database = Database::new().await;
         let world = World::new(Place::Postgres(database.address()));
-        let address = world.serve().await;
-        let config = Config {
-            journal: Place::Postgres(database.address()),
-            registration: address.clone().into(),
-            planning: address.clone().into(),
-            motion: address.clone(),
-            instrument: address,
-            calibration: Some(calibration()),
-            ..Config::default()
-        };
+        let config = config(Place::Postgres(database.address()), &world).await;
         Self {
             first: Gateway::start("first", &config, &world).await,
             second: Gateway::start("second", &config, &world).await,

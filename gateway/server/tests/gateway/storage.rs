@@ -6,18 +6,16 @@ use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use arthro_gateway::Config;
 use arthro_gateway::journal::Place;
 use arthro_proto::gateway::v1 as proto;
 use arthro_proto::gateway::v1::{ProcedureState, RecoveryAction};
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 use tokio::time::Instant;
 
-use super::bench::{Bench, calibration, reason};
+use super::bench::{Bench, config, reason};
 use super::fakes::World;
 use super::postgres::as_nobody;
 use super::process::{Gateway, may_mount};
@@ -191,7 +189,7 @@ async fn a_disk_that_takes_no_byte_halts_everything_and_one_that_takes_them_agai
     let folder = tempfile::tempdir().unwrap();
     let journal = Place::File(folder.path().join("journal.sqlite"));
     let world = World::new(journal.clone());
-    let config = world_config(journal, &world).await;
+    let config = config(journal, &world).await;
     let mut gateway = Gateway::start("gateway", &config, &world).await;
     let (case_id, digest) = gateway.bench.approved().await;
     limit_files(&gateway, "0");
@@ -257,7 +255,7 @@ async fn a_disk_without_space_halts_before_what_it_cannot_hold_and_loses_nothing
     let world = World::new(journal.clone());
     // It lies where only the gateway sees it.
     world.reads_journal.store(false, Ordering::Relaxed);
-    let config = world_config(journal, &world).await;
+    let config = config(journal, &world).await;
     let mut gateway = Gateway::start_with_disk(&config, &world, disk.path(), 8192).await;
     let (case_id, digest) = gateway.bench.approved().await;
     world.hold("INSERT FORCEPS");
@@ -292,19 +290,6 @@ async fn a_disk_without_space_halts_before_what_it_cannot_hold_and_loses_nothing
         .tells(&procedure_id, ProcedureState::Completed)
         .await;
     assert_eq!(world.count("BITE"), 3);
-}
-
-async fn world_config(journal: Place, world: &Arc<World>) -> Config {
-    let address = world.serve().await;
-    Config {
-        journal,
-        registration: address.clone().into(),
-        planning: address.clone().into(),
-        motion: address.clone(),
-        instrument: address,
-        calibration: Some(calibration()),
-        ..Config::default()
-    }
 }
 
 #[test]
